@@ -135,8 +135,7 @@ def seed(owner: str, name: str, value: Any) -> int:
 
 def require_memory(owner: str, name: str, value: int, size: int) -> None:
     """An ``InvalidInput`` if ``value`` items of together ``size`` bytes or more do not fit."""
-    memory = machine_memory()
-    if size > _MOST_MEMORY * memory:
+    if size > _MOST_MEMORY * (memory := machine_memory()):
         shown = f"{value:,}" if value < 10**15 else f"{Decimal(value):.3g}"
         rule = f"would take {_in_bytes(size)} of memory; this machine has {_in_bytes(memory)}"
         raise InvalidInput(owner, name, shown, rule)
@@ -244,14 +243,12 @@ def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
 
 
 _MAKES_STRUCTURES = "Buildings((left, right), links) makes structures of them"
+_TAKE_DIMENSIONLESS = "simulate and demand take dimensionless structures"
 _TAKEN_BY = {
     "Building": f"simulate_buildings takes two of them, and {_MAKES_STRUCTURES}",
     "ShearBuilding": f"simulate_row takes them, and {_MAKES_STRUCTURES}",
     "Buildings": "simulate and demand take it whole; its field buildings has each building",
-    **dict.fromkeys(
-        ("AdjacentStructures", "Row", "Storeys", "System"),
-        "simulate and demand take dimensionless structures",
-    ),
+    **dict.fromkeys(("AdjacentStructures", "Row", "Storeys", "System"), _TAKE_DIMENSIONLESS),
 }
 """The right function for objects that users pass to the wrong one, by the object's class."""
 
@@ -275,8 +272,7 @@ def pytree(owner: str, name: str, value: Any) -> None:
 
 def require_folder(path: str | os.PathLike[str]) -> None:
     """A ``FileNotFoundError`` if the folder of a file to be read or written is missing."""
-    folder = Path(path).absolute().parent
-    if not folder.is_dir():
+    if not (folder := Path(path).absolute().parent).is_dir():
         raise FileNotFoundError(f"{os.fspath(path)}: the folder {folder} is missing")
 
 
@@ -290,14 +286,12 @@ def enforce(owner: str, rules: Iterable[Rule]) -> None:
     for rule in rules:
         if is_traced((rule.value, rule.holds)):
             continue
-        holds = np.asarray(rule.holds)
-        if not holds.all():
+        if not (holds := np.asarray(rule.holds)).all():
             value, holds = np.broadcast_arrays(rule.value, holds)
             first = np.unravel_index(np.argmin(holds), holds.shape)
             index = f" (at index [{', '.join(map(str, first))}])" if first else ""
-            raise InvalidInput(
-                owner, rule.name, f"{value[first].item():.8g}{index}", f"must be {rule.says}"
-            )
+            shown = f"{value[first].item():.8g}{index}"
+            raise InvalidInput(owner, rule.name, shown, f"must be {rule.says}")
 
 
 def all_hold(rules: Iterable[Rule]) -> jax.Array:

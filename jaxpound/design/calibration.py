@@ -79,20 +79,14 @@ class Calibration(Shown):
         noise_units = {x: unit(kinds[x], getattr(self.response, "si", si)) for x in self.noise}
         if isinstance(self.response, CyclicTest) and not si:
             units, noise_units = "units of the test", {"force": "of the test"}
-        return [
-            TextTable(
-                f"Calibration ({self.simulations} runs)",
-                (f"parameter ({units})", "estimate"),
-                [(path, str(estimate)) for path, estimate in self.parameters.items()],
-                [f"{path} is at a bound: its interval means nothing" for path in self.at_bounds],
-            ),
-            TextTable(
-                "Noise, what is left of the measured series",
-                ("series", "standard deviation", "unit"),
-                [(name, std, noise_units[name]) for name, std in self.noise.items()],
-                digits=4,
-            ),
-        ]
+        columns = (f"parameter ({units})", "estimate")
+        values = [(path, str(estimate)) for path, estimate in self.parameters.items()]
+        notes = [f"{path} is at a bound: its interval means nothing" for path in self.at_bounds]
+        estimates = TextTable(f"Calibration ({self.simulations} runs)", columns, values, notes)
+        title = "Noise, what is left of the measured series"
+        noise = [(name, std, noise_units[name]) for name, std in self.noise.items()]
+        headings = ("series", "standard deviation", "unit")
+        return [estimates, TextTable(title, headings, noise, digits=4)]
 
 
 def calibrate(

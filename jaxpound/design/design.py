@@ -121,10 +121,8 @@ class Comparison(Shown):
         topology, dampers = self.topology or Topology(0, (), ()), []
         places, n = link_places(topology), len(topology.links)
         for k, ends in enumerate(topology.links):
-            force, slip = (
-                float(self.after[of_link(name, k, n)].mean())
-                for name in ("damper_force", "slip_distance")
-            )
+            names = [of_link(name, k, n) for name in ("damper_force", "slip_distance")]
+            force, slip = (float(self.after[name].mean()) for name in names)
             moving = [f"peak_x{i + 1}" for i in ends if i != GROUND]
             if force > 0 and slip < _STUCK * max(float(self.after[x].mean()) for x in moving):
                 dampers.append(f"damper {places[k]}" if n > 1 else "damper")
@@ -325,11 +323,9 @@ class Design(Shown):
         notes = [f"gradient within the bounds {self.gradient_norm:.2g}"]
         for start, iteration in self.dropped.items():
             notes.append(f"start {start + 1} dropped at iteration {iteration}: not finite")
-        title = (
-            f"Design by start {self.winner + 1} of {self.history.objective.shape[1]}: "
-            f"objective {self.objective:.6g}{symbol and f' {symbol}'} "
-            f"({self.stopped}, {self.simulations:,} runs with gradient)"
-        )
+        title = f"Design by start {self.winner + 1} of {self.history.objective.shape[1]}"
+        title += f": objective {self.objective:.6g}{symbol and f' {symbol}'}"
+        title += f" ({self.stopped}, {self.simulations:,} runs with gradient)"
         units = "dimensionless" if gravity_of(self.space.nominal) is None else "SI"
         columns = (f"variable ({units})", "before", "after", "change", "")
         tables = [TextTable(title, columns, variables, notes)]

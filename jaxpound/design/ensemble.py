@@ -112,8 +112,7 @@ class Ensemble:
             raise InvalidInput(owner, "start + n", f"{start + n:,}", rule)
         z = points(sampling, key, scenarios.dimension)(start, start + n)
         structures, grounds = jax.jit(jax.vmap(scenarios.realize))(z)
-        drawn = drawn_parameters(scenarios)
-        uncertain = {path: np.asarray(get(structures, path)) for path in drawn}
+        uncertain = {x: np.asarray(get(structures, x)) for x in drawn_parameters(scenarios)}
         grounds = jax.tree.map(np.asarray, grounds)
         for leaf in jax.tree.leaves((uncertain, grounds)):
             if not np.isfinite(leaf).all():

@@ -82,11 +82,10 @@ class AugmentedLagrangian:
 
     def texts(self, state: SearchState, data: ProblemData) -> tuple[str, str]:
         """The programs of ``iterate`` as text, to distinguish one search from another."""
-        results = jax.eval_shape(self.gradient, *_gradient_arguments(state), 0, data)
-        return (
-            self.gradient.lower(*_gradient_arguments(state), 0, data).as_text(),
-            self.update.lower(state, *results, 0, data).as_text(),
-        )
+        arguments = (*_gradient_arguments(state), 0, data)
+        results = jax.eval_shape(self.gradient, *arguments)
+        update = self.update.lower(state, *results, 0, data)
+        return self.gradient.lower(*arguments).as_text(), update.as_text()
 
     def jacobian(self, scaled: np.ndarray, starts: int, data: ProblemData) -> tuple[Point, Any]:
         """A design, and the derivatives of −J and every excess by its scaled variables, (1 + m, d).
@@ -99,11 +98,9 @@ class AugmentedLagrangian:
         weights = np.eye(-(-(1 + m) // starts) * starts, 1 + m)
         weights = weights.reshape(-1, starts, 1 + m).astype(scaled.dtype)
         designs, zeros, rows = np.tile(scaled, (starts, 1)), np.zeros(starts, scaled.dtype), []
-        for block in weights:
-            results = [
-                self.gradient(designs, block[:, 0], block[:, 1:], zeros, i, data)
-                for i in range(self.per_epoch)
-            ]
+        epoch = range(self.per_epoch)
+        for w in weights:
+            results = [self.gradient(designs, w[:, 0], w[:, 1:], zeros, i, data) for i in epoch]
             rows += [*np.mean([gradients for _, gradients in results], axis=0)]
         point = jax.device_get(jax.tree.map(lambda x: x[0], results[-1][0]))
         return point, np.array(rows[: 1 + m])
@@ -184,7 +181,6 @@ class AugmentedLagrangian:
 
 
 def _gradient_arguments(state: SearchState) -> tuple[Any, ...]:
-    """The arguments of ``AugmentedLagrangian.gradient`` at a state."""
     return state.scaled, np.ones_like(state.weight), state.multipliers, state.weight
 
 

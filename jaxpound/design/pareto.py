@@ -56,10 +56,7 @@ class ParetoFront(Shown):
         symbol = unit(first.objective_function.quantity, first.trained.si)
         objective = f"objective ({symbol})" if symbol else "objective"
         columns = (f"{self.price} ({demand_unit})", objective, *first.space.names)
-        rows = [
-            (design.prices[self.price], design.objective, *design.values.values())
-            for design in self.designs
-        ]
+        rows = [(x.prices[self.price], x.objective, *x.values.values()) for x in self.designs]
         notes = [f"no design for a limit of {x:.5g} {demand_unit}" for x in self.infeasible]
         return [TextTable(f"Pareto front of {len(self.designs)} designs", columns, rows, notes)]
 
@@ -150,13 +147,8 @@ def pareto_front(
                 continue
             designs.append(last)
         begin_search(0)
-    return ParetoFront(price, over, tuple(_undominated(designs, price)), tuple(infeasible))
-
-
-def _undominated(designs: Sequence[Design], price: str) -> list[Design]:
-    """The designs of the front, in the order of the limited demand."""
-    front: list[Design] = []
-    for design in sorted(designs, key=lambda design: (design.prices[price], -design.objective)):
+    front: list[Design] = []  # the undominated designs, in the order of the limited demand
+    for design in sorted(designs, key=lambda x: (x.prices[price], -x.objective)):
         if not front or design.objective > front[-1].objective:
             front.append(design)
-    return front
+    return ParetoFront(price, over, tuple(front), tuple(infeasible))

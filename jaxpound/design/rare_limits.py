@@ -86,8 +86,7 @@ def limit_states(problem: DesignProblem) -> dict[str, LimitState]:
         if limit.most < RAREST:
             rule = f"must be at least {RAREST:g}"
             raise InvalidInput(place, "probability", f"{limit.most:.8g}", rule)
-        at_most = limit.at_most
-        if at_most is not None and problem.scales is not None:
+        if (at_most := limit.at_most) is not None and problem.scales is not None:
             at_most /= float(problem.scales.unit_of(kind_of(name)))
         scenarios = DesignScenarios(ensemble.scenarios, nominal, tuple(ensemble.uncertain))
         try:
@@ -127,14 +126,9 @@ class RareLimits:
         save, options = self.options.save, self.options
         store = None if save is None else Path(save).with_suffix(".events") / f"{self.made}-{name}"
         self.made += 1
-        event = event_of(
-            dataclasses.replace(self.states[name], changes=changes),
-            cov=_COV,
-            key=options.key,
-            start=self.last.get(name),
-            store=store,
-            progress=options.progress,
-        )
+        state, start = dataclasses.replace(self.states[name], changes=changes), self.last.get(name)
+        settings: Any = {"key": options.key, "store": store, "progress": options.progress}
+        event = event_of(state, _COV, start=start, **settings)
         if event.probability == 1:
             listed = ", ".join(f"{path} = {x:.6g}" for path, x in changes.items())
             rule = f"must be rare enough to be estimated at {listed}: {'; '.join(event.warnings)}"

@@ -203,6 +203,7 @@ class Designer:
         function = replace(problem.objective, limits=used)
         multipliers, gradient = result.conditions.multipliers(best)
         at_bound = at_active_bound(best.scaled, gradient, np.asarray(data.box), AT_BOUND)
+        ends = np.where(best.scaled < 0.5, "low", "high").tolist()
         after = problem.evaluate(best.scaled, problem.ensemble)
         size, names = float(data.size), problem.space.names
         runs = iterations * options.starts + result.polishing
@@ -210,10 +211,7 @@ class Designer:
             objective_function=function,
             history=SearchHistory.of(result.history, [*limits_of.values()]),
             prices=reached,
-            active_bounds={
-                names[i]: "low" if best.scaled[i] < 0.5 else "high"
-                for i in np.flatnonzero(at_bound)
-            },
+            active_bounds={names[i]: ends[i] for i in np.flatnonzero(at_bound)},
             gradient=dict(zip(names, (-size * gradient).tolist(), strict=True)),
             multipliers=dict(zip(limits_of, (size * multipliers).tolist(), strict=True)),
             limit_tolerance=options.limit_tolerance,

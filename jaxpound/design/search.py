@@ -165,10 +165,8 @@ class Descent:
     def _none_finite(self, history: Sequence[Iterate]) -> str:
         """Why no start is finite, and what the best design was."""
         problem, (point, best, _) = self.lagrangian.problem, history[-1]
-        reason = (
-            f"all {len(best.merit)} starts must be finite, but after {len(history) - 1} iterations "
-            f"none is; of the first, {problem.not_finite(point.scaled[0])}"
-        )
+        reason = f"all {len(best.merit)} starts must be finite, but after {len(history) - 1}"
+        reason += f" iterations none is; of the first, {problem.not_finite(point.scaled[0])}"
         if best.infeasible.all():
             return reason
         i = best_start(best)

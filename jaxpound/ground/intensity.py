@@ -29,8 +29,7 @@ def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
     >>> float(jp.pga(jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)))
     0.2
     """
-    samples, _ = samples_of(ground, grid)
-    return peak(samples)
+    return peak(samples_of(ground, grid)[0])
 
 
 def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) -> Float[Array, ""]:
@@ -83,8 +82,7 @@ def spectral_acceleration(
     enforce(owner, rules := [is_positive, damping_rule(damping)])
     a, h = samples_of(ground, grid)
     parts = _SHORT_PARTS if is_traced((period, h)) or np.min(period) < _SHORT * h else 1
-    value = _pseudo_acceleration(a, h, period, damping, parts)
-    return jnp.where(all_hold(rules), value, jnp.nan)
+    return jnp.where(all_hold(rules), _pseudo_acceleration(a, h, period, damping, parts), jnp.nan)
 
 
 def damping_rule(damping: Any) -> Rule:

@@ -78,10 +78,8 @@ def _late(ground: GroundLike, grid: TimeGrid) -> list[str]:
     whole, later = (as_motion(ground).energy(t) for t in (-np.inf, grid.duration))
     if not (whole and later and later > LATE * whole):
         return []
-    return [
-        f"ground: {later / whole:.0%} of the motion's energy (∫ u''² dt) comes after the end of "
-        f"the run, and should be at most {LATE:.0%}: a longer time grid holds it"
-    ]
+    share = f"{later / whole:.0%} of the motion's energy (∫ u''² dt) comes after the end of the run"
+    return [f"ground: {share}, and should be at most {LATE:.0%}: a longer time grid holds it"]
 
 
 def excessive(ground: GroundLike, pga: Any, name: str = "ground") -> list[str]:
@@ -95,21 +93,16 @@ def far_apart(name: str, gap: Any, moved: Any, *, si: bool) -> list[str]:
     """A finding if a gap is out of proportion to the displacements, peak |x1| + peak |x2|."""
     if not _exceeds(gap, MOST_GAP, moved):
         return []
-    return [
-        f"{name} = {_length(gap, si)} should be at most {MOST_GAP:g} times what the buildings "
-        f"move, {_length(moved, si)} (peaks of both its sides): are the units right?"
-    ]
+    most = f"{MOST_GAP:g} times {_moves(moved, si)}"
+    return [f"{name} = {_length(gap, si)} should be at most {most}: are the units right?"]
 
 
 def too_deep(name: str, penetration: Any, moved: Any, *, si: bool) -> list[str]:
     """A finding if a contact law is implausibly soft; None is a link without a law."""
     if penetration is None or not _exceeds(penetration, DEEP, moved):
         return []
-    return [
-        f"{name}: the penetration, {_length(penetration, si)}, should be at most {DEEP:g} of what "
-        f"the buildings move, {_length(moved, si)} (peaks of both its sides): is the law stiff "
-        "enough?"
-    ]
+    most, depth = f"{DEEP:g} of {_moves(moved, si)}", _length(penetration, si)
+    return [f"{name}: the penetration, {depth}, should be at most {most}: is the law stiff enough?"]
 
 
 def _exceeds(length: Any, share: float, moved: Any) -> bool:
@@ -123,15 +116,18 @@ def _length(value: Any, si: bool) -> str:
     return f"{float(value):.4g} {'m' if si else 'g/ω1²'}"
 
 
+def _moves(moved: Any, si: bool) -> str:
+    return f"what the buildings move, {_length(moved, si)} (peaks of both its sides)"
+
+
 def unbalanced(residual: Any) -> list[str]:
     """A finding if the residual of a run's energy balance is too large a share of the input."""
     if not float(residual) > MOST_RESIDUAL:
         return []
-    return [
-        f"the energy balance leaves {100 * float(residual):.2g} % of the energy put in, which "
-        f"should be at most {100 * MOST_RESIDUAL:g} %: the time step is too long for this run "
-        "(half of it leaves a quarter)"
-    ]
+    left = f"{100 * float(residual):.2g} % of the energy put in"
+    advice = "the time step is too long for this run (half of it leaves a quarter)"
+    rule = f"which should be at most {100 * MOST_RESIDUAL:g} %"
+    return [f"the energy balance leaves {left}, {rule}: {advice}"]
 
 
 def first_of(n: int, grid: TimeGrid) -> int:
@@ -154,8 +150,7 @@ def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
             findings.append(f"ground: {_share(len(examples), n)} {problem}; of one, {examples[0]}")
     if in_g or any(records_in(grounds)):
         pgas = np.asarray(_pgas(grounds, grid))
-        beyond = int((pgas > MOST_PGA).sum())
-        if beyond > LEAST_SHARE * n:
+        if (beyond := int((pgas > MOST_PGA).sum())) > LEAST_SHARE * n:
             subject = f"ground: PGA of {_share(beyond, n)}, up to {np.nanmax(pgas):.4g} g,"
             findings.append(_beyond(subject))
     return findings

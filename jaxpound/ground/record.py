@@ -166,24 +166,22 @@ class Record(motion.GroundMotion):
             raise InvalidInput(owner, "dt", "", rule)
         positive_number(owner, dt=dt)
         dt, old = float(dt), float(self.dt)
-        if dt > self.duration:
-            rule = f"must be at most the record's duration, {self.duration:.8g}"
-            raise InvalidInput(owner, "dt", f"{dt:.8g}", rule)
+        rule = f"at most the record's duration, {self.duration:.8g}"
+        enforce(owner, [Rule("dt", dt, dt <= self.duration, rule)])
         if dt <= old:
             n = int((self.n_samples - 1) * old / dt * (1 + 1e-7)) + 1
             place = np.minimum(np.arange(n) * (dt / old), self.n_samples - 1)
             left = np.minimum(place.astype(int), self.n_samples - 2)
             share = (place - left).astype(self.samples.dtype)
-            samples = (1 - share) * self.samples[left] + share * self.samples[left + 1]
-            return self._with(samples, dt)
+            return self._with((1 - share) * self.samples[left] + share * self.samples[left + 1], dt)
         ratio = Fraction(old / dt).limit_denominator(1000)
         if abs(ratio * Fraction(dt) / Fraction(old) - 1) > 1e-7:
             rule = f"must be a ratio of whole numbers up to 1000 times the record's dt = {old:.8g}"
             raise InvalidInput(owner, "dt", f"{dt:.8g}", rule)
         from scipy.signal import resample_poly  # its import takes as long as the whole package's
 
-        samples = resample_poly(np.asarray(self.samples), ratio.numerator, ratio.denominator)
-        return self._with(samples, dt)
+        samples = np.asarray(self.samples)
+        return self._with(resample_poly(samples, ratio.numerator, ratio.denominator), dt)
 
     def dimensionless(self, frequency: Any) -> Record:
         """The record, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s."""
@@ -204,11 +202,9 @@ class Record(motion.GroundMotion):
         lost = power[np.fft.rfftfreq(self.n_samples, interval) > 0.5 / dt].sum()
         if not lost > LOST_ENERGY * (whole := power.sum()):
             return []
-        return [
-            f"ground: time steps of {dt / interval:.4g} sample intervals should lose at most "
-            f"{LOST_ENERGY:.0%} of the energy of {self!r}, but lose {lost / whole:.0%}: steps no "
-            "longer than the sample interval lose nothing"
-        ]
+        steps = f"ground: time steps of {dt / interval:.4g} sample intervals should lose at most"
+        energy = f"{LOST_ENERGY:.0%} of the energy of {self!r}, but lose {lost / whole:.0%}"
+        return [f"{steps} {energy}: steps no longer than the sample interval lose nothing"]
 
     def energy(self, since: float) -> float:
         """∫ u''² dt after an instant, as a sum over the later samples."""
@@ -220,11 +216,9 @@ class Record(motion.GroundMotion):
         if is_traced((self.samples, self.dt)) or len(shape) != 1 or np.ndim(self.dt):
             return f"Record({shape} samples, time in {self.time_unit})"
         title, unit = f"{self.name!r}, " if self.name else "", self.time_unit
-        return (
-            f"Record({title}{self.n_samples} samples, dt = {float(self.dt):.6g} {unit}, "
-            f"duration {float(self.duration):.6g} {unit}, "
-            f"peak {float(abs(self.samples).max()):.4g} g)"
-        )
+        duration, peak = float(self.duration), float(abs(self.samples).max())
+        times = f"dt = {float(self.dt):.6g} {unit}, duration {duration:.6g} {unit}"
+        return f"Record({title}{self.n_samples} samples, {times}, peak {peak:.4g} g)"
 
 
 def derived(samples: Any, dt: Any, name: str = "", time_unit: str = motion.SECONDS) -> Record:

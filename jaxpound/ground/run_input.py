@@ -53,12 +53,9 @@ def require_time_unit(place: str, ground: Any, *, si: bool = False) -> None:
     """
     for member in motion.records_in(ground) if isinstance(ground, GroundMotion) else [ground]:
         if getattr(member, "time_unit", None) == (DIMENSIONLESS if si else SECONDS):
-            rule = (
-                "must be in seconds, as Buildings are"
-                if si
-                else f"must be in units of {DIMENSIONLESS}, as the structures are: "
-                "scales.to_dimensionless makes it so, or Buildings takes it unchanged, in SI units"
-            )
+            rule = f"must be in units of {DIMENSIONLESS}, as the structures are: "
+            rule += "scales.to_dimensionless makes it so, or Buildings takes it unchanged, in SI"
+            rule = "must be in seconds, as Buildings are" if si else f"{rule} units"
             raise InvalidInput(place, repr(member), "", rule)
 
 

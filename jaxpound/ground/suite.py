@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import count, instance, is_traced, is_whole, positive, positive_number
+from jaxpound import _checks
+from jaxpound._checks import count, instance, is_traced, positive, positive_number, require_one_of
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.intensity import spectra
@@ -94,9 +95,7 @@ class RecordSuite(Shown):
     def __getitem__(self, key: int | str) -> Record:
         """A record by its number, from 0, or by its name."""
         if isinstance(key, str):
-            if key not in self.names:
-                rule = f"must be one of {', '.join(self.names)}"
-                raise InvalidInput("RecordSuite", "name", repr(key), rule)
+            require_one_of("RecordSuite", key, self.names, "name")
             return self.records[self.names.index(key)]
         return self.records[key]
 
@@ -107,7 +106,7 @@ class RecordSuite(Shown):
         """
         n, records = len(self), []
         for key in which:
-            if not isinstance(key, str) and not (is_whole(key) and -n <= key < n):
+            if not isinstance(key, str) and not (_checks.is_whole(key) and -n <= key < n):
                 rule = f"must be a record's number, from 0 to {n - 1}, or its name"
                 raise InvalidInput("RecordSuite.chosen", repr(key), "", rule)
             records.append(self[key])

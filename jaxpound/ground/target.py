@@ -267,10 +267,8 @@ class FactorBounds(NamedTuple):
         common, most = 1.0, self.high / factors.min()
         if shortfall(common) < 0:  # the smallest that reaches ``least``
             if (reached := shortfall(most)) < 0:
-                rule = (
-                    f"must be at most {reached + least:.4g}, which factors of {self.high:g} reach"
-                )
-                raise InvalidInput(SCALED_TO, "least", f"{least:g}", rule)
+                largest = f"{reached + least:.4g}, which factors of {self.high:g} reach"
+                raise InvalidInput(SCALED_TO, "least", f"{least:g}", f"must be at most {largest}")
             common = brentq(shortfall, 1.0, most, xtol=1e-13, rtol=1e-13)
         return selected, np.minimum(common * factors, self.high)
 
@@ -336,11 +334,8 @@ class ScaledSuite(Shown):
         low, high = self.range
         notes_at = ["at a bound" if name in self.at_bound else "" for name in self.suite.names]
         rows = [*zip(self.suite.names, self.factors, self.misfits, notes_at, strict=True)]
-        notes = [
-            f"misfit: root mean square of ln(spectrum / target), periods {low:.4g} to {high:.4g}",
-            f"mean of the suite: misfit {self.misfit:.4g}, at least {self.least_ratio:.4g} of the "
-            "target",
-            *self.findings(),
-        ]
+        misfit = f"root mean square of ln(spectrum / target), periods {low:.4g} to {high:.4g}"
+        mean = f"misfit {self.misfit:.4g}, at least {self.least_ratio:.4g} of the target"
+        notes = [f"misfit: {misfit}", f"mean of the suite: {mean}", *self.findings()]
         title = f"Scaled to the target spectrum{self.target.named()}"
         return [TextTable(title, ("record", "factor", "misfit", ""), rows, notes, digits=4)]

@@ -26,10 +26,8 @@ def too_short(name: str, period: float, dt: float) -> list[str]:
     """A sentence if a wavelet's period has too few steps of ``dt``."""
     if not period < STEPS_PER_WAVELET * dt:
         return []
-    return [
-        f"ground: {name} is {period / dt:.3g} time steps long and should be at least "
-        f"{STEPS_PER_WAVELET}: a finer time grid resolves it"
-    ]
+    length = f"{period / dt:.3g} time steps long and should be at least {STEPS_PER_WAVELET}"
+    return [f"ground: {name} is {length}: a finer time grid resolves it"]
 
 
 @pytree_dataclass
@@ -150,8 +148,7 @@ class Pulse(GroundMotion):
         ν, rad, 0 for a symmetric velocity and π/2 for an antisymmetric one; γ > 0, the duration in
         periods, usually 1 to 3.
     time_unit
-        Unit of time: "1/ω1" (also spelled "1/omega1"), that of the dimensionless model, or "s";
-        ``Scales.to_dimensionless`` converts a pulse in seconds.
+        Unit of time, as of ``Record``: "1/ω1" or "s", which ``Scales.to_dimensionless`` converts.
 
     Examples
     --------

@@ -145,11 +145,9 @@ class AnnualRate(Shown):
             between = f"it lies between {low} and {high}"
             range_ = f"whatever it is there, the rate is {low}" if low == high else between
             below, above = 100 * self.below / self.value, 100 * self.above / self.value
-            notes += [
-                f"{below:.3g} % of it from {self.measure} below {self.ends[0]:.4g}, "
-                f"{above:.3g} % from above {self.ends[1]:.4g},",
-                f"where the hazard curve is continued: {range_}",
-            ]
+            weaker = f"{below:.3g} % of it from {self.measure} below {self.ends[0]:.4g}"
+            notes.append(f"{weaker}, {above:.3g} % from above {self.ends[1]:.4g},")
+            notes.append(f"where the hazard curve is continued: {range_}")
         return [TextTable(f"Mean annual rate of {self.event}", (), rows, [*notes, *self.warnings])]
 
 
@@ -197,8 +195,7 @@ class Deaggregation(Shown):
         outside = 1 - float(self.share.sum())
         notes = [f"outside these bands {100 * outside:.2g} %"] if outside > _LEFT_OUT / 10 else []
         columns = (f"{self.measure} from", "to", "annual rate", "share", "c.o.v. of the rate")
-        title = f"Rate of {self.event} by intensity"
-        return [TextTable(title, columns, rows, notes, digits=4)]
+        return [TextTable(f"Rate of {self.event} by intensity", columns, rows, notes, digits=4)]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -230,10 +227,8 @@ class FragilityRate:
         value, most = float(rates.sum()), self.points.annual_rate[-1]
         # At most every earthquake beyond the end causes pounding.
         bounds = least + most * float(curve.probability(im[-1])), least + below + most
-        doubts = (
-            f"more than {_MOST_BEYOND:.0%} of the rate comes from intensities beyond the "
-            "curve's ends, where it is only continued; are curve and fragility in one unit?",
-        )
+        doubt = f"more than {_MOST_BEYOND:.0%} of the rate comes from intensities beyond the"
+        doubt += " curve's ends, where it is only continued; are curve and fragility in one unit?"
         cov = (slope @ curve.covariance @ slope) ** 0.5 / value if value else float("nan")
         reach = float(ndtri((1 + confidence) / 2)) * cov
         factor = float(np.exp(reach)) if reach < _MAX_EXPONENT else float("nan")
@@ -242,7 +237,7 @@ class FragilityRate:
             ends=(float(im[0]), float(im[-1])),
             measure=self.measure,
             event=curve.event,
-            warnings=doubts if below + above > _MOST_BEYOND * value else (),
+            warnings=(doubt,) if below + above > _MOST_BEYOND * value else (),
             _source=self,
         )
 
@@ -258,8 +253,7 @@ class FragilityRate:
         low, high = np.clip([low, high], *_ENDS).tolist()
         fine = np.r_[0.0, np.geomspace(low, high, _FINE), np.inf]
         rates, _ = self.per_band(fine)
-        share = np.cumsum(rates) / rates.sum()
-        first, final = np.searchsorted(share, [_LEFT_OUT, 1 - _LEFT_OUT])
+        first, final = np.searchsorted(np.cumsum(rates) / rates.sum(), [_LEFT_OUT, 1 - _LEFT_OUT])
         first = int(np.clip(first, 1, _FINE - 1))
         final = int(np.clip(final + 1, first + 1, _FINE))
         return np.geomspace(fine[first], fine[final], bands + 1)
@@ -286,8 +280,7 @@ class SamplesRate:
     repeats: np.ndarray | None = None  # of each sample, where those of a repeat are correlated
 
     def __post_init__(self) -> None:
-        x = self.intensity[self.hits]
-        if not x.size:
+        if not (x := self.intensity[self.hits]).size:
             rule = "must pound, for the rate to have intensities"
             raise InvalidInput(_OWNER, "a sample", "", rule)
         valid = (x > 0) & np.isfinite(x)

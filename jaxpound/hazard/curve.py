@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, instance, positive, positive_number, real, require_share
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.plausibility import warn
@@ -95,10 +95,8 @@ class HazardCurve(Shown):
             The row, from 0, or the site's name in a file of the USGS; needed if there are several.
         """
         points = read_hazard(file, site)
-        try:
+        with renamed(f"HazardCurve.read: {file}"):
             return HazardCurve(*points)
-        except InvalidInput as error:
-            raise error.replaced(owner=f"HazardCurve.read: {file}") from None
 
     @property
     def slope(self) -> np.ndarray:
@@ -263,10 +261,9 @@ class HazardCurve(Shown):
         """The gap at rest at which there is pounding with this probability within years.
 
         Raises ``ValueError`` if an argument breaks its rule, the target is more frequent than the
-        curve's lowest intensity, or no gap at which a fragility can be fitted has that rate; if
-        curve and column have different measures or units; if intensity is None and it is not known
-        that the study's intensities follow the curve. Warns (``PlausibilityWarning``) if the column
-        is not in g, and the name of the curve's measure has no unit.
+        curve's lowest intensity, or no gap at which a fragility can be fitted has that rate. Else
+        raises and warns as ``annual_rate_of``: of a fragility by the column, or of the study where
+        intensity is None.
 
         Parameters
         ----------
@@ -289,8 +286,7 @@ class HazardCurve(Shown):
         if intensity is None:
             if not drawn:
                 _require_drawn(owner, self._points, study, "intensity, such as 'pga'")
-            share = target / self.annual_rate[0]
-            if share >= 1:
+            if (share := target / self.annual_rate[0]) >= 1:
                 most = f"{self.annual_rate[0]:.4g}"
                 rule = f"in {years:.4g} years, {target:.4g}, must be below the curve's largest rate"
                 name = "the annual rate of probability"

@@ -92,11 +92,9 @@ class IncrementalDynamicAnalysis(Shown):
         ]
         words = suite_runs.demand_in_words(self.demand, self.si)
         n, reached = len(rows), int(np.isfinite(self.capacities).sum())
-        notes = [
-            f"intensity: {self.measure}; demand: {words}, threshold {self.threshold:.4g}",
-            f"{reached} of {n} records reach it; a capacity is the first crossing on the ladder of "
-            f"{len(self.intensities)} intensities, refined",
-        ]
+        capacity = f"first crossing on the ladder of {len(self.intensities)} intensities, refined"
+        notes = [f"intensity: {self.measure}; demand: {words}, threshold {self.threshold:.4g}"]
+        notes.append(f"{reached} of {n} records reach it; a capacity is the {capacity}")
         if self.returning:
             notes.append(f"below it again at higher intensities: {', '.join(self.returning)}")
         columns = ("record", "intensity as it is", "capacity", "factor")
@@ -248,8 +246,7 @@ class Brackets:
         """Around the first level at which the demand reaches the threshold, but level 0."""
         reached = excess >= 0
         rows, first = np.arange(len(excess)), np.maximum(reached.argmax(axis=1), 1)
-        crosses = reached.any(axis=1)
-        high = np.where(crosses, levels[first], np.inf)
+        high = np.where(reached.any(axis=1), levels[first], np.inf)
         return cls(levels[first - 1], high, excess[rows, first - 1], excess[rows, first])
 
     @property
@@ -305,8 +302,7 @@ def by_newton(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: int)
         demands, slopes = runs.slopes(pending, im[pending])
         excess = demands - runs.threshold
         brackets.narrow(pending, im[pending], excess)
-        step = -excess / np.where(slopes == 0, np.nan, slopes)
-        after = im[pending] + step
+        after = im[pending] - excess / np.where(slopes == 0, np.nan, slopes)
         low, high = brackets.low[pending], brackets.high[pending]
         inside = (after >= low) & (after <= high)
         after = np.where(inside, after, (low + high) / 2)

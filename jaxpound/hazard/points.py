@@ -106,11 +106,9 @@ class CurvePoints(NamedTuple):
         often = np.exp(np.interp(np.log(strong), np.log(in_g), np.log(rate)))
         if strong > in_g[-1] or often <= _OFTEN:
             return []
-        return [
-            f"annual_rate of a PGA of {strong:.2g} g is {often:.2g}, once in {1 / often:.2g} "
-            f"years; no site is known where {_STRONG} g is exceeded once in {1 / _OFTEN:.0f} "
-            f"years: {rule}"
-        ]
+        curve = f"of a PGA of {strong:.2g} g is {often:.2g}, once in {1 / often:.2g} years"
+        sites = f"no site is known where {_STRONG} g is exceeded once in {1 / _OFTEN:.0f} years"
+        return [f"annual_rate {curve}; {sites}: {rule}"]
 
 
 def _log_between(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -242,7 +240,6 @@ def read_hazard(file: str | PathLike[str], site: int | str | None, first: int = 
 def _site(
     owner: str, names: list[str], rows: list[list[str]], site: int | str | None, first: int
 ) -> list[str]:
-    """The row of the site."""
     sites = [row[names.index("name")] for row in rows] if "name" in names else []
     if site is None:
         if len(rows) > 1:

@@ -63,15 +63,13 @@ class AnalysisOptions(NamedTuple):
             if not any(is_closable(link.gap) for link in self.structures.system().links):
                 raise InvalidInput(owner, "structures", "", "must have a link whose gap is finite")
             if threshold is None:
-                gap = common_gap(self.structures)
-                if gap is None:
+                if (gap := common_gap(self.structures)) is None:
                     return OVERLAP, 0.0
                 return REQUIRED_GAP, float(gap) * (float(scales.length) if scales else 1.0)
         elif threshold is None:
             named.require_threshold(owner, self.demand)
         limit = float(number(owner, "threshold", threshold))
-        if not np.isfinite(limit):
-            raise InvalidInput(owner, "threshold", str(limit), "must be finite")
+        enforce(owner, [Rule("threshold", limit, np.isfinite(limit), "finite")])
         return name, limit
 
     def time_grid(self, owner: str, suite: RecordSuite) -> TimeGrid:
@@ -178,13 +176,10 @@ class SuiteRuns:
         factors = np.ones(len(suite)) if highest is None else highest / self.intensity.unscaled
         findings = imprecise(structures.system(), factors)
         findings += [finding for record in scaled for finding in unseen(record, grid)]
-        peaks = suite.pgas * factors
-        if peaks.max() > MOST_PGA:
+        if (peaks := suite.pgas * factors).max() > MOST_PGA:
             i = int(np.argmax(peaks))
-            findings.append(
-                f"records: {suite.names[i]!r} times {factors[i]:.4g} has a PGA of {peaks[i]:.4g} "
-                f"g; it should be at most {MOST_PGA:.0f} g"
-            )
+            scaled_up = f"records: {suite.names[i]!r} times {factors[i]:.4g} has a PGA of"
+            findings.append(f"{scaled_up} {peaks[i]:.4g} g; it should be at most {MOST_PGA:.0f} g")
         warn(owner, findings, options.strict)
         require_memory(owner, "records", len(suite), len(suite) * grid.n_steps * 16)
         # Padded with zeros: the ground is at rest after a record.

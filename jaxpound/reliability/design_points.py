@@ -111,8 +111,7 @@ class HlrfIteration:
     def run(self, state: LimitState, iterations: int, report: Callable[[int], None]) -> None:
         """Advance all active starts; ``report`` takes the number of gradients of an iteration."""
         for iteration in range(iterations):
-            rows = self.active
-            if not rows.size:
+            if not (rows := self.active).size:
                 return
             self._advance(rows, state)
             if iteration >= _PATIENT:  # leave the starts that head for points too far to matter
@@ -164,8 +163,7 @@ class HlrfIteration:
         self.lost |= ~self.done
         for row in missing:
             same = self.series == self.series[row]
-            others = np.flatnonzero(near & same)
-            if not others.size:
+            if not (others := np.flatnonzero(near & same)).size:
                 continue
             closest = others[np.argmin(np.abs(self.instants[others] - self.instants[row]))]
             first, last = np.sort(self.instants[[row, closest]])
@@ -265,8 +263,7 @@ def find_design_points(
 
 def _on_lines(state: LimitState, points: DesignPoints) -> DesignPoints:
     """Where a demand is reached first on the straight lines from the origin through points."""
-    count = len(points)
-    if not count:
+    if not (count := len(points)):
         return points
     columns, directions = np.arange(count), points.z / points.betas[:, None]
     low, high = np.zeros(count), np.full(count, _FARTHEST)

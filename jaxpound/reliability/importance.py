@@ -23,7 +23,7 @@ from scipy.special import log_ndtr, logsumexp, ndtr
 from jaxpound._errors import InvalidInput
 from jaxpound.reliability.design_points import COVERED, NEAR, DesignPoints, find_design_points
 from jaxpound.reliability.limit_state import COMPILING, LimitState, SearchRuns, require_dependence
-from jaxpound.reliability.result import RAREST, RareEvent, always
+from jaxpound.reliability.result import NO_ESTIMATE, RAREST, RareEvent, always
 from jaxpound.scenarios.sampling import Points, as_key, key_numbers, points
 from jaxpound.store.archive import DamagedError, digest, opened, write_archive
 
@@ -84,8 +84,7 @@ class Mixture(NamedTuple):
         around = logsumexp(z @ self.centres.T + constants, axis=1)
         along = np.sum((z @ self.basis.T) ** 2, axis=1)
         guard = 0.5 * along * (1 - self.wide**-2) - len(self.basis) * np.log(self.wide)
-        whole = np.logaddexp(np.log1p(-_GUARD) + around, np.log(_GUARD) + guard)
-        return whole, guard - around
+        return np.logaddexp(np.log1p(-_GUARD) + around, np.log(_GUARD) + guard), guard - around
 
     def thin(self, z: Float[np.ndarray, "n d"]) -> np.ndarray:
         """Where the density around the design points is thin, shape (n,)."""
@@ -117,8 +116,7 @@ class Samples(NamedTuple):
     def cov(self) -> float:
         """Its coefficient of variation; infinite where no sample reaches the limit state."""
         parts, mean = self.parts, self.parts.mean()
-        error = parts.std(ddof=1) / math.sqrt(len(parts))
-        return float(error / mean) if mean > 0 else math.inf
+        return float(parts.std(ddof=1) / math.sqrt(len(parts)) / mean) if mean > 0 else math.inf
 
     def joined(self, other: Samples) -> Samples:
         """Both samples together."""
@@ -199,7 +197,10 @@ class DesignPointSearch:
 
         gradients = runs = 0
         if self._start is not None:
-            first = _points_of(self._start, self._state)
+            z, instants = self._start.design_points, self._start.instants / self._state.grid.dt
+            numbers = np.where(np.isnan(instants), -1, np.round(instants)).astype(int)
+            unknown, betas = np.zeros_like(z), np.linalg.norm(z, axis=1)
+            first = DesignPoints(z, unknown, betas, numbers, self._start.series)
             near = find_design_points(self._state, self._numbers, first, report)
             if len(near):
                 return near
@@ -278,10 +279,8 @@ class DesignPointSearch:
             "form": near.form(),
         }
         if ndtr(-points.betas).sum() < RAREST:
-            bound = (
-                f"out of reach: the probability is below {RAREST:g}, by the design points (the "
-                f"nearest at {points.betas[0]:.3g}); the number is a bound and no estimate"
-            )
+            by = f"by the design points (the nearest at {points.betas[0]:.3g})"
+            bound = f"out of reach: the probability is below {RAREST:g}, {by}; {NO_ESTIMATE}"
             none = Samples(np.zeros((0, state.dimension)), *np.zeros((3, 0)))
             more = {"probability": RAREST, "cov": float("nan"), "warnings": (bound, *doubts)}
             return self._event("design points, no samples", none, **design_points, **more)
@@ -295,7 +294,6 @@ class DesignPointSearch:
         return dataclasses.replace(event, warnings=signs)
 
     def _event(self, method: str, samples: Samples, **fields: Any) -> RareEvent:
-        """The event by samples, with further fields."""
         if len(samples):
             fields |= {"probability": samples.probability, "cov": samples.cov}
         fields |= samples._asdict()
@@ -329,41 +327,27 @@ class DesignPointSearch:
 
     def _unsure(self, event: RareEvent) -> Iterator[str]:
         if event.cov > self._cov:
-            yield (
-                f"the coefficient of variation is {event.cov:.2g} after {event.runs:,} runs, above "
-                f"{self._cov:.2g}: raise max_runs = {self._most:,}"
-            )
-        failed = np.count_nonzero(~np.isfinite(event.values))
-        if failed:
+            reached = f"the coefficient of variation is {event.cov:.2g} after {event.runs:,} runs"
+            yield f"{reached}, above {self._cov:.2g}: raise max_runs = {self._most:,}"
+        if failed := np.count_nonzero(~np.isfinite(event.values)):
             yield f"{failed:,} of {len(event.values):,} runs failed and count as safe"
-
-
-def _points_of(event: RareEvent, state: LimitState) -> DesignPoints:
-    """The design points of an event from which the search of another limit state starts."""
-    z, instants = event.design_points, event.instants / state.grid.dt
-    numbers = np.where(np.isnan(instants), -1, np.round(instants)).astype(int)
-    return DesignPoints(z, np.zeros_like(z), np.linalg.norm(z, axis=1), numbers, event.series)
 
 
 def signs_of_missed_failures(event: RareEvent, near: DesignPoints) -> Iterator[str]:
     """Signs that failures were missed, in sentences."""
     if event.thin > _THIN:
-        yield (
-            f"{event.thin:.0%} of the estimate comes from where few samples are drawn: there are "
-            "failures that no design point stands for; compare with subset_simulation"
-        )
+        source = f"{event.thin:.0%} of the estimate comes from where few samples are drawn"
+        reason = "there are failures that no design point stands for"
+        yield f"{source}: {reason}; compare with subset_simulation"
     if event.largest_share > _LARGEST:
-        yield (
-            f"a single sample makes {event.largest_share:.0%} of the estimate: ask for a smaller "
-            "cov, or compare with subset_simulation"
-        )
+        share = f"a single sample makes {event.largest_share:.0%} of the estimate"
+        yield f"{share}: ask for a smaller cov, or compare with subset_simulation"
     ends = near.instants * event.limit_state.grid.dt
     if (event.values >= 0).any() and (near.instants >= 0).all():
         times, shares = event.failures_by_instant
         period = 2 * np.pi * (event.limit_state.grid.dt / event.limit_state.time_step)
         outside = shares[(times < ends.min() - period / 2) | (times > ends.max() + period)].sum()
         if outside > _OUTSIDE:
-            yield (
-                f"{outside:.0%} of the estimate comes from runs whose demand is largest at times "
-                "for which there is no design point; compare with subset_simulation"
-            )
+            source = f"{outside:.0%} of the estimate comes from runs whose demand is largest at"
+            reason = "times for which there is no design point"
+            yield f"{source} {reason}; compare with subset_simulation"

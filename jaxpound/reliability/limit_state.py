@@ -154,8 +154,7 @@ class LimitState:
         ``instants`` and ``series`` are each point's numbers of its instant and, in
         ``LimitState.series``, of its series. Without series the values are those of the whole run.
         """
-        rows = np.array([x.row for x in self.series])
-        more = (instants, rows[series]) if self.series else ()
+        more = (instants, np.array([x.row for x in self.series])[series]) if self.series else ()
         demanded, slope = self.programs.gradients(z, self.changes, *more)
         return demanded - self.level, slope
 
@@ -218,10 +217,9 @@ def state_of(
     programs: Any = None,
 ) -> LimitState:
     """The limit state of a search; a gap stands for its threshold."""
+    if gap is not None and (demand != REQUIRED_GAP or threshold is not None):
+        raise InvalidInput(owner, "gap", repr(gap), "must be None where another demand is given")
     if gap is not None:
-        if demand != REQUIRED_GAP or threshold is not None:
-            rule = "must be None where another demand is given"
-            raise InvalidInput(owner, "gap", repr(gap), rule)
         (threshold,) = not_negative(owner, gap=number(owner, "gap", gap))
     findings = doubts(owner, scenarios)
     state = LimitState(scenarios, grid, scheme, demand, threshold, programs=programs)
@@ -346,8 +344,7 @@ class SearchRuns:
         run: Callable[[np.ndarray], Sequence[np.ndarray]],
     ) -> dict[BatchId, np.ndarray]:
         """Results, shape (m, n), of batches of points; missing ones are run and stored together."""
-        missing = {name: z for name, z in batches.items() if name not in self._finished}
-        if missing:
+        if missing := {name: z for name, z in batches.items() if name not in self._finished}:
             results = np.stack(run(np.concatenate([*missing.values()])))
             sizes = [len(z) for z in missing.values()]
             if self._log is not None:

@@ -28,6 +28,7 @@ from jaxpound.results.named import event_in_words
 from jaxpound.study.statistics import Estimate
 
 RAREST = 1e-12  # below it a probability is only bounded
+NO_ESTIMATE = "the number is a bound and no estimate"
 _NEAR = 0.5  # largest difference of ln P between a sample's value and the limit
 _FEWEST = 20
 
@@ -170,18 +171,17 @@ class RareEvent(Shown):
     def _densities(self) -> Float[np.ndarray, " n"]:
         """Each sample's part of n times the density of values at the limit."""
         weights, values, hit = self.weights, self.values, self._parts
-        rule = (
-            f"must have at least {_FEWEST} samples, of several values, that reach the limit state"
-        )
+        rule = "must have at least {} samples, of several values, that reach the limit state"
+        refusal = InvalidInput("RareEvent.slope", "the event", "", rule.format(_FEWEST))
         if np.count_nonzero(hit) < _FEWEST:
-            raise InvalidInput("RareEvent.slope", "the event", "", rule)
+            raise refusal
         order = np.argsort(-values, kind="stable")
         order = order[np.cumsum(weights[order]) > 0]
         exceeded = (np.cumsum(weights[order]) - weights[order] / 2) / hit.sum()
         logs = np.log(exceeded)
         high, low = np.interp([-_NEAR, _NEAR], logs, values[order])
         if not high > low:
-            raise InvalidInput("RareEvent.slope", "the event", "", rule)
+            raise refusal
         densities, near = np.zeros(len(values)), np.abs(logs) <= _NEAR
         densities[order[near]] = weights[order[near]] / exceeded[near] / (high - low)
         return densities

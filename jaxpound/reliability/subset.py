@@ -25,7 +25,7 @@ from jaxpound._checks import Rule, count, enforce, positive, require_memory, req
 from jaxpound.grid import TimeGrid
 from jaxpound.reliability import limit_state
 from jaxpound.reliability.limit_state import LimitState, QueryId, require_dependence
-from jaxpound.reliability.result import RAREST, RareEvent, always
+from jaxpound.reliability.result import NO_ESTIMATE, RAREST, RareEvent, always
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
 from jaxpound.scenarios.scenarios import ScenarioSet
@@ -155,10 +155,8 @@ def simulated(
                 more = min(len(levels), needed, room * len(levels) // runs.count)
     least, most = min(map(len, levels)), max(map(len, levels))
     depths = f"{most} level{'s' * (most > 1)}" if least == most else f"{least} to {most} levels"
-    method = (
-        f"{why}subset simulation by adaptive conditional sampling, {len(levels)} repeats of {n:,} "
-        f"samples a level, p0 = {p0:.3g}, {depths}; c.o.v. by repeats"
-    )
+    method = f"{why}subset simulation by adaptive conditional sampling, {len(levels)} repeats of"
+    method += f" {n:,} samples a level, p0 = {p0:.3g}, {depths}; c.o.v. by repeats"
     estimates, spread = _estimate(levels)
     bound, warnings = _bound(levels, round(p0 * n))
     if runs.failed:
@@ -231,10 +229,8 @@ def _bound(by_repeat: Sequence[list[Level]], seeds: int) -> tuple[float | None, 
         bound = -math.log(_SURE) * reached / n
         why = "no rarer level lies beyond one in which the largest demands are all the same"
     short = f"; the demand stays {-nearest:.4g} below the threshold" if nearest < 0 else ""
-    return bound, [
-        f"out of reach: the probability is below {bound:.2g}, since {why}{short}; the number is a "
-        "bound and no estimate"
-    ]
+    below = f"the probability is below {bound:.2g}, since {why}{short}"
+    return bound, [f"out of reach: {below}; {NO_ESTIMATE}"]
 
 
 def _warnings(by_repeat: Sequence[list[Level]], cov: float | None, max_runs: int) -> Iterator[str]:
@@ -242,38 +238,30 @@ def _warnings(by_repeat: Sequence[list[Level]], cov: float | None, max_runs: int
     p, spread = _estimate(by_repeat)
     if p.mean() < RAREST:
         return
+    advice = "take more samples a level (n)"
     none, share = int((p == 0).sum()), float(p.max() / p.sum())
     if none:
-        yield f"{none} of {len(p)} repeats never reach the event: take more samples a level (n)"
+        yield f"{none} of {len(p)} repeats never reach the event: {advice}"
     elif share > max(_LARGE_SHARE, 2 / len(p)):
-        yield (
-            f"one of {len(p)} repeats makes {share:.0%} of the estimate, which has found what the "
-            "others miss: take more samples a level (n)"
-        )
+        part = f"one of {len(p)} repeats makes {share:.0%} of the estimate"
+        yield f"{part}, which has found what the others miss: {advice}"
     if spread > _LARGE_COV:
-        yield (
-            f"a coefficient of variation of {spread:.2g} tells the order of magnitude at best: "
-            "take more repeats, or more samples a level (n)"
-        )
+        precision = f"a coefficient of variation of {spread:.2g} tells the order of magnitude"
+        yield f"{precision} at best: take more repeats, or more samples a level (n)"
     if cov is not None and spread > cov:
-        yield (
-            f"the coefficient of variation is {spread:.2g}, above {cov:.2g}: raise max_runs = "
-            f"{max_runs:,}"
-        )
+        above = f"the coefficient of variation is {spread:.2g}, above {cov:.2g}"
+        yield f"{above}: raise max_runs = {max_runs:,}"
     for number in range(1, max(map(len, by_repeat))):
         same = [levels[number] for levels in by_repeat if len(levels) > number]
         acceptance = np.mean([level.acceptance for level in same])
         scale = np.mean([level.scale for level in same])
         if acceptance < _LOW_ACCEPTANCE:
-            yield (
-                f"at level {number + 1} only {acceptance:.0%} of the chains' moves stay in the "
-                "level, whose samples are few points many times over: take more samples a level (n)"
-            )
+            stay = f"only {acceptance:.0%} of the chains' moves stay in the level"
+            few = "whose samples are few points many times over"
+            yield f"at level {number + 1} {stay}, {few}: {advice}"
         elif scale < _SMALL_SCALE:
-            yield (
-                f"at level {number + 1} the chains move by {scale:.2g} standard deviations a step, "
-                "and stay near their starts: take more samples a level (n)"
-            )
+            move = f"the chains move by {scale:.2g} standard deviations a step"
+            yield f"at level {number + 1} {move}, and stay near their starts: {advice}"
 
 
 class Level(NamedTuple):
@@ -358,8 +346,7 @@ def run_in_lockstep(
         before, queries = queries, {}
         for repeat, number in before:
             try:
-                query = repeats[repeat].send(answers[repeat, number])
-                queries[repeat, number + 1] = query
+                query = queries[repeat, number + 1] = repeats[repeat].send(answers[repeat, number])
                 reached[repeat] = query.probability
             except StopIteration as end:
                 levels[repeat] = end.value

@@ -141,9 +141,7 @@ def reach_probability(
     for _ in range(_MOST):
         state = dataclasses.replace(first, changes={path: value})
         folder = None if store is None else Path(store) / f"{path}-{value:.9g}"
-        event = event_of(
-            state, tolerance / 2, "design points", key, event, store=folder, progress=progress
-        )
+        event = event_of(state, tolerance / 2, "design points", key, event, None, folder, progress)
         runs, gradients = runs + event.runs, gradients + event.gradients
         if not math.isfinite(event.cov) or event.probability == 1:
             rule = f"must lead to a probability that can be estimated: {'; '.join(event.warnings)}"

@@ -132,8 +132,7 @@ class TwoSided(Checked):
         """Minus or plus the size, which grows with the distance of z from Φ⁻¹(negative)."""
         z = jnp.asarray(z)
         z = z.astype(jnp.result_type(float, z))
-        middle = ndtri(jnp.asarray(self.negative, z.dtype))
-        below = z < middle
+        below = z < ndtri(jnp.asarray(self.negative, z.dtype))
         whole = jnp.where(below, self.negative, 1 - self.negative)
         beyond = ndtr(jnp.where(below, z, -z)) / whole  # probability of a larger size
         if self.negative == 0.5:
@@ -150,8 +149,7 @@ class TwoSided(Checked):
     def to_normal(self, x: Any) -> Any:
         """Inverse of ``from_normal``."""
         x = jnp.asarray(x, float)
-        size = self.size.to_normal(jnp.abs(x))
-        beyond = ndtr(-size)
+        beyond = ndtr(-self.size.to_normal(jnp.abs(x)))
         down, up = ndtri(self.negative * beyond), -ndtri((1 - self.negative) * beyond)
         return jnp.where(x < 0, down, up)
 

@@ -98,9 +98,7 @@ class SumOfDraws(Composed, GroundDraw):
         return self.parts
 
     def _units(self) -> list[str]:
-        groups = (
-            [part] if isinstance(part, Draw) else motion.records_in(part) for part in self.parts
-        )
+        groups = ([x] if isinstance(x, Draw) else motion.records_in(x) for x in self.parts)
         units = (getattr(part, "time_unit", None) for group in groups for part in group)
         return [unit for unit in units if unit]
 

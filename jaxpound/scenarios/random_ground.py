@@ -234,8 +234,7 @@ class RandomPulse(GroundDraw):
 
     def draw(self, z: Float[Array, " d"]) -> Pulse:
         """The pulse drawn by z."""
-        values = {name: getattr(self, name) for name in _PULSE}
-        return Pulse(**values | self.parameters(z), time_unit=self.time_unit)
+        return Pulse(**vars(self) | self.parameters(z))
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """The random parameters, by name."""

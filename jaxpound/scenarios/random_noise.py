@@ -137,9 +137,7 @@ class NonstationaryNoise(Checked, GroundDraw):
     and is multiplied by a gamma function of time. The motion is the acceleration of a critically
     damped oscillator under this noise, so that velocity and displacement return to zero. It is
     linear in one standard normal number for each sample. ``SiteBasedNoise`` draws the six
-    parameters for an earthquake and a site, too.
-
-    Raises ``ValueError`` if an argument breaks its rule, or the memory has no room for the samples.
+    parameters for an earthquake and a site, too. Raises ``ValueError`` as ``FilteredNoise``.
 
     Parameters
     ----------
@@ -191,9 +189,8 @@ class NonstationaryNoise(Checked, GroundDraw):
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z, in g and seconds."""
         z = reals("NonstationaryNoise", z, self.dimension)
-        noise = evolving_noise(
-            z, self.dt, self.frequency, self.frequency_slope, self.mid_time, self.damping
-        )
+        oscillator = self.frequency, self.frequency_slope, self.mid_time, self.damping
+        noise = evolving_noise(z, self.dt, *oscillator)
         t = np.arange(self.samples, dtype=z.dtype) * self.dt
         samples = noise * modulation(t, self.arias_intensity, self.duration, self.mid_time)
         if self.high_pass is not None:

@@ -37,9 +37,8 @@ class UncertainStructures:
     ----------
     nominal, uncertain
         The structures that have all other parameters, and distributions by field path:
-        ``{"friction": LogNormal(0.25, 0.2), "rod_1.tau_x": ...}``. In a pattern ``*`` stands for
-        any number or name in its place: ``{"buildings.0.rods.*.stiffness": ...}`` draws the
-        stiffness of each storey; a full path takes precedence over a pattern.
+        ``{"friction": LogNormal(0.25, 0.2), "rod_1.tau_x": ...}``. Patterns are as in
+        ``DesignSpace``: ``{"buildings.0.rods.*.stiffness": ...}`` draws each storey's stiffness.
     correlation
         Correlation of the standard normal numbers from which parameters are drawn (a Gaussian
         copula; for lognormal parameters, the correlation of the logarithms). A number correlates
@@ -115,8 +114,7 @@ class UncertainStructures:
         if not (symmetric and np.allclose(np.diag(matrix), 1, rtol=0, atol=1e-9)):
             rule = "must be symmetric and finite, with a diagonal of 1"
             raise InvalidInput(owner, "correlation", "", rule)
-        least = float(np.linalg.eigvalsh(matrix)[0])
-        if not least > _DEFINITE:
+        if not (least := float(np.linalg.eigvalsh(matrix)[0])) > _DEFINITE:
             rule = f"must be positive definite, but its smallest eigenvalue is {least:.3g}"
             raise InvalidInput(owner, "correlation", "", rule)
         return matrix

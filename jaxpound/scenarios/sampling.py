@@ -43,8 +43,7 @@ def key_numbers(owner: str, key: Any) -> tuple[str, tuple[int, ...]]:
         key, typed = jax.random.wrap_key_data(key), True
     if not typed or key.shape:
         raise InvalidInput(owner, "key", repr(key), "must be a whole number or a key of jax.random")
-    kind = str(jax.random.key_impl(key))
-    if kind != "threefry2x32":
+    if (kind := str(jax.random.key_impl(key))) != "threefry2x32":
         rule = "must be of kind threefry2x32: of others, draws depend on the batch they are in"
         raise InvalidInput(owner, "key", "", f"of kind {kind} {rule}")
     return kind, tuple(np.asarray(jax.random.key_data(key)).ravel().tolist())

@@ -75,8 +75,7 @@ class Composed:
     @property
     def discrete(self) -> tuple[int, ...]:
         """Indices of the numbers of which a part is a step function."""
-        ranges = self._ranges()
-        return tuple(start + i for part, start, _ in ranges for i in discrete_coordinates(part))
+        return tuple(i + k for x, i, _ in self._ranges() for k in discrete_coordinates(x))
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """The drawn parameters, by name, in the order of z."""
@@ -84,17 +83,10 @@ class Composed:
 
     def _drawn(self, z: Any) -> list[Any]:
         """Each part as drawn by its numbers of z, or itself if it is fixed."""
-        return [
-            part.draw(z[start:end]) if isinstance(part, Draw) else part
-            for part, start, end in self._ranges()
-        ]
+        return [x.draw(z[i:j]) if isinstance(x, Draw) else x for x, i, j in self._ranges()]
 
     def _parameters(self, z: Any) -> list[dict[str, Any]]:
-        """The parameters of each part."""
-        return [
-            parameters(part, z[start:end], start) if end > start else {}
-            for part, start, end in self._ranges()
-        ]
+        return [parameters(x, z[i:j], i) if j > i else {} for x, i, j in self._ranges()]
 
     def _ranges(self) -> Iterator[tuple[Any, int, int]]:
         """Each part, with start and end of its numbers in those of all parts."""

@@ -75,9 +75,7 @@ class SiteBasedNoise(Checked, GroundDraw):
 
     Motions are horizontal and of the far field, without pulses. Outside its data the regression is
     evaluated, but means little. A motion costs some 80 Fourier transforms of 2 n numbers: for n
-    above 1,000 they take most of a study's time.
-
-    Raises ``ValueError`` if an argument breaks its rule, or the memory has no room for the samples.
+    above 1,000 they take most of a study's time. Raises ``ValueError`` as ``FilteredNoise``.
 
     Parameters
     ----------

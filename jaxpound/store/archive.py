@@ -133,9 +133,8 @@ def require_name(owner: str, name: Any) -> None:
     """An ``InvalidInput`` for an invalid name of an array in an archive or a column of a table."""
     fits = isinstance(name, str) and 0 < len(name) <= _LONGEST_NAME
     if not (fits and name.isprintable() and not {*name} & {"/", "\\"}):
-        rule = (
-            f"must have a name of 1 to {_LONGEST_NAME} printable characters, none of them / or \\"
-        )
+        length = f"1 to {_LONGEST_NAME} printable characters"
+        rule = f"must have a name of {length}, none of them / or \\"
         raise InvalidInput(owner, f"column {name!r}", "", rule)
 
 

@@ -154,7 +154,6 @@ class Store:
         return sorted(number for number in numbers if number in chunks)
 
     def _matching(self, pattern: re.Pattern[str]) -> list[tuple[Path, re.Match[str]]]:
-        """Files of the folder whose names match a pattern."""
         pairs = ((path, pattern.fullmatch(path.name)) for path in self.folder.iterdir())
         return [(path, match) for path, match in pairs if match]
 
@@ -226,10 +225,9 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     except (ValueError, TypeError, AttributeError, RecursionError) as error:  # no JSON object
         raise ValueError(f"{owner}: {MANIFEST} is damaged ({error})") from error
     if (version := content.get("format")) != _FORMAT:
-        raise ValueError(
-            f"{owner}: format {reprlib.repr(version)} must be {_FORMAT}; another version of "
-            "jaxpound made it: use that version, or run the study anew into another folder"
-        )
+        rule = f"format {reprlib.repr(version)} must be {_FORMAT}; another version of jaxpound made"
+        advice = "use that version, or run the study anew into another folder"
+        raise ValueError(f"{owner}: {rule} it: {advice}")
     if not intact:
         raise ValueError(f"{owner}: {MANIFEST} is damaged (its checksum is wrong)")
     _check_identity(owner, content.get("identity"))
@@ -309,11 +307,7 @@ def describe(value: Any) -> Any:
 
 
 def identity(
-    search: str,
-    columns: tuple[str, ...],
-    chunk_size: int,
-    program: str,
-    **inputs: Any,
+    search: str, columns: tuple[str, ...], chunk_size: int, program: str, **inputs: Any
 ) -> dict[str, Any]:
     """Everything that determines the numbers of an analysis, as JSON.
 

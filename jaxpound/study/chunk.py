@@ -25,14 +25,8 @@ from jaxpound.ground.run_input import as_run
 from jaxpound.model.system import gravity_of
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import is_valid
+from jaxpound.scenarios import scenarios as sets
 from jaxpound.scenarios.sampling import Points, as_key, points
-from jaxpound.scenarios.scenarios import (
-    ScenarioSet,
-    grounds_at,
-    keys_in_order,
-    parameter_names,
-    parameters,
-)
 from jaxpound.simulation.batches import even_share, in_chunks, runs_at_a_time
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
@@ -68,7 +62,7 @@ def _draw(sampling: str, key: tuple[str, tuple[int, ...]], dimension: int) -> Po
 class Task:
     """Everything that a worker needs to run any chunk of a study."""
 
-    scenarios: ScenarioSet
+    scenarios: sets.ScenarioSet
     grid: TimeGrid
     scheme: Scheme
     key: tuple[str, tuple[int, ...]]  # kind and numbers
@@ -93,9 +87,8 @@ class Task:
         def drawn(z: jax.Array) -> Any:  # its program identifies the functions
             structures, ground = self.scenarios.realize(z)
             measured = {name: f(structures, ground) for name, f in self.measures.items()}
-            kept = parameters(self.scenarios, z) if self.keep_parameters else {}
-            shaking = as_run(ground, self.grid, gravity_of(structures))
-            return structures, shaking, measured, kept
+            kept = sets.parameters(self.scenarios, z) if self.keep_parameters else {}
+            return structures, as_run(ground, self.grid, gravity_of(structures)), measured, kept
 
         return {
             "versions": versions,
@@ -103,8 +96,8 @@ class Task:
             "key": {"kind": kind, "numbers": list(numbers), "partitionable": partitionable},
             "sampling": self.sampling,
             "chunk_size": self.chunk_size,
-            "columns": list(keys_in_order(self.run, self.z_type())),
-            "parameters": [*parameter_names(self.scenarios)] if self.keep_parameters else [],
+            "columns": list(sets.keys_in_order(self.run, self.z_type())),
+            "parameters": [*sets.parameter_names(self.scenarios)] if self.keep_parameters else [],
             "grid": describe(self.grid),
             "scheme": describe(self.scheme),
             "scenarios": describe(self.scenarios),
@@ -128,7 +121,7 @@ class Task:
         columns = demands_of(structures, ground, self.grid, self.scheme)
         more = {name: f(structures, ground) for name, f in self.measures.items()}
         if self.keep_parameters:
-            more |= parameters(self.scenarios, z)
+            more |= sets.parameters(self.scenarios, z)
         owner = "monte_carlo"
         for name, x in more.items():
             if name in columns:
@@ -151,7 +144,7 @@ class Task:
 
     def first_grounds(self) -> Ground:
         """Ground motions of the first scenarios, to be checked before the runs."""
-        program = partial(grounds_at, self.scenarios, self.grid)
+        program = partial(sets.grounds_at, self.scenarios, self.grid)
         draw = _draw(self.sampling, self.key, self.scenarios.dimension)
         return cached("grounds", self.fingerprint, program)(draw(0, first_of(self.n, self.grid)))
 
@@ -171,8 +164,7 @@ class Task:
             program = cached("runs", self.fingerprint, lambda: in_chunks(self.run, size))
             z = self.points([chunk], full=True)
             # All batches have the same size: one program, and the same rounding.
-            padding = np.repeat(z[-1:], -len(rows) % size, 0)
-            results = program(np.concatenate([z, padding]))
+            results = program(np.concatenate([z, np.repeat(z[-1:], -len(rows) % size, 0)]))
             columns = {name: results[name][: len(rows)] for name in self.names}
             self._refuse_failures(columns, z, rows)
         return columns

@@ -174,11 +174,7 @@ class DemandColumns(Columnar, Shown):
         """Number, mean, standard deviation and extremes of a column, normalised with weights."""
         moments = self._moments[self._column(name)]
         if self.weighting is not None:
-            moments = weighting.moments(
-                (x[valid], w[valid])
-                for x, w in self._weighed(self._parts(name))
-                for valid in [np.isfinite(x)]
-            )
+            moments = weighting.moments(self._weighed(self._parts(name)))
         return moments.times(self._factor(name))
 
     def quantile(self, name: str, share: float, confidence: float = 0.95) -> Estimate:

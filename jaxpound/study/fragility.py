@@ -74,11 +74,10 @@ class Fragility(Shown):
         for name in ("median", "dispersion"):
             (value,) = positive_number(owner, **{name: getattr(self, name)})
             object.__setattr__(self, name, float(value))
-        covariance = np.asarray(real(owner, "covariance", self.covariance), float)
-        if covariance.shape != (2, 2):
-            rule = f"of shape {covariance.shape} must be (2, 2)"
-            raise InvalidInput(owner, "covariance", "", rule)
-        object.__setattr__(self, "covariance", covariance)
+        matrix = np.asarray(real(owner, "covariance", self.covariance), float)
+        if matrix.shape != (2, 2):
+            raise InvalidInput(owner, "covariance", "", f"of shape {matrix.shape} must be (2, 2)")
+        object.__setattr__(self, "covariance", matrix)
         instance(owner, "measure", self.measure, str)
         of_measure, unit = Measure.of_text(self.measure).unit, measure_unit(self.unit) or self.unit
         if unit and of_measure and of_measure != unit:
@@ -246,8 +245,7 @@ def fit_fragility(
     hits, runs = k[counted], n[counted]
     if reason := _no_maximum(im[counted], weight * hits, weight * runs):
         raise InvalidInput(owner, "pounding", "", f"must determine a curve, but {reason}")
-    start = np.array([-z.mean(), 1.0])
-    (a, b), information = _maximise(z, weight * hits, weight * runs, start)
+    (a, b), information = _maximise(z, weight * hits, weight * runs, np.array([-z.mean(), 1.0]))
     spread = np.linalg.inv(information)
     if w is not None:
         rise, fall = _ratios(a + b * z)

@@ -116,8 +116,7 @@ def sobol_sensitivity(
 
     def indices(rows: Any) -> np.ndarray:
         f = demands.reshape(d + 2, n)[:, rows]
-        values = {"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}
-        shares = stats.sobol_indices(func=values, n=n)
+        shares = stats.sobol_indices(func={"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}, n=n)
         return np.stack([shares.first_order, shares.total_order]).reshape(2, d)
 
     rows, random = np.arange(n), np.random.default_rng(key)

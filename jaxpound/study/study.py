@@ -68,8 +68,7 @@ class Study(DemandColumns):
         identity = store.manifest["identity"]
         if other := identity.get("search"):
             raise ValueError(f"store {folder} must hold a study, but holds {other}")
-        moments = dict(finished(store, store.held()))
-        if not moments:
+        if not (moments := dict(finished(store, store.held()))):
             raise ValueError(f"store {folder} must hold at least one finished chunk")
         if scales := identity["scales"]:
             scales = Scales(scales["mass"], scales["frequency"], scales["gravity"])
@@ -182,8 +181,7 @@ class Study(DemandColumns):
         if not (is_whole(link) and 0 <= link < self.n_links):
             rule = f"must be the number of one of the {self.n_links} links, from 0"
             raise InvalidInput(owner, "link", repr(link), rule)
-        column = of_link(name, int(link), self.n_links)
-        if column not in self._moments:
+        if (column := of_link(name, int(link), self.n_links)) not in self._moments:
             rule = "must have a finite gap and no law of contact, for its required gap to be known"
             raise InvalidInput(owner, "link", str(link), rule)
         if name == "min_gap" and not self._moments[column].n and self.failed < len(self):
@@ -210,8 +208,7 @@ class Study(DemandColumns):
     def required_gaps(self, probability: float, confidence: float = 0.95) -> RequiredGaps:
         """``required_gap`` of each link that has one, as a table; ``ValueError`` if none has."""
         n = self.n_links
-        links = [k for k in range(n) if of_link("required_gap", k, n) in self.columns]
-        if not links:
+        if not (links := [k for k in range(n) if of_link("required_gap", k, n) in self.columns]):
             self._column("required_gap")
         gaps = {k: self.required_gap(probability, confidence, link=k) for k in links}
         places = link_places(self.topology)
@@ -225,8 +222,7 @@ class Study(DemandColumns):
         must be a pair: two buildings of one storey and one link, which has a gap.
         """
         require_share("separation", "probability", probability)
-        oscillators = self.about["oscillators"]
-        if oscillators is None:
+        if (oscillators := self.about["oscillators"]) is None:
             rule = "must be a pair: two buildings of one storey and one link, which has a gap"
             raise InvalidInput("Study.separation", "structures", "", rule)
         u1, u2 = (self.quantile(f"peak_x{i}", 1 - probability).value for i in (1, 2))
@@ -245,10 +241,9 @@ class Study(DemandColumns):
             return {name: self._read(name) for name in kept}
         scenarios = self.scenarios
         if scenarios is None or self.points is None:
-            raise ValueError(
-                "Study.parameters: not kept (keep_parameters=True keeps them), and the scenarios "
-                "are not known; call monte_carlo with the same arguments and store"
-            )
+            reason = "not kept (keep_parameters=True keeps them), and the scenarios are not known"
+            remedy = "call monte_carlo with the same arguments and store"
+            raise ValueError(f"Study.parameters: {reason}; {remedy}")
         values = jax.jit(jax.vmap(lambda z: parameters(scenarios, z)))(self.points())
         return {name: np.asarray(values[name]) for name in parameter_names(scenarios)}
 
@@ -271,8 +266,7 @@ class Study(DemandColumns):
 
     def told(self) -> list[str]:
         """Columns that tables show: no parameters of scenarios, no slip without friction."""
-        drawn = self.about["identity"]["parameters"]
-        names = [name for name in self.columns if name not in drawn]
+        names = [name for name in self.columns if name not in self.about["identity"]["parameters"]]
         return without_idle_dampers(names, lambda name: self._moments[name].largest)
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -286,10 +280,8 @@ class Study(DemandColumns):
         return index, columns
 
     def _tables(self) -> list[TextTable]:
-        rows = []
-        for name in self.told():
-            m = self.moments(name)
-            rows.append((name, m.mean, m.std, m.smallest, m.largest, self.unit(name)))
+        moments = [(name, self.moments(name)) for name in self.told()]
+        rows = [(x, m.mean, m.std, m.smallest, m.largest, self.unit(x)) for x, m in moments]
         units = "dimensionless" if self.scales is None else "SI"
         units += ", weighted" * (self.weighting is not None)
         title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"

@@ -131,13 +131,14 @@ def quantile(
 
 
 def moments(parts: Iterable[tuple[np.ndarray, np.ndarray]]) -> Moments:
-    """Normalised moments of samples and their weights, part by part.
+    """Normalised moments of the finite ones of samples and their weights, part by part.
 
     The variance is unbiased for weights that do not depend on the sample: Σ w (x − mean)² over
     Σ w − Σ w² / Σ w.
     """
     n, weight, square, mean, spread, low, high = 0, 0.0, 0.0, 0.0, 0.0, np.inf, -np.inf
-    for x, w in parts:
+    for sample, weights in parts:
+        x, w = sample[np.isfinite(sample)], weights[np.isfinite(sample)]
         if not (added := w.sum()):
             continue
         centre = (w @ x) / added

@@ -55,8 +55,7 @@ def _npts_and_dt(line: TextLine) -> tuple[int, float]:
         raise MisreadError(line.number, f"NPTS = {npts} must be a positive whole number")
     if not 0 < step < math.inf:
         raise MisreadError(line.number, f"DT = {dt} must be positive and finite")
-    unit = _DT_UNIT.match(header, after)
-    if not unit:
+    if not (unit := _DT_UNIT.match(header, after)):
         return int(count), step
     in_unit = units.whole_unit(unit[1], units.TIME_UNIT)
     is_last = not header[unit.end() :].strip(" ,.;)]")

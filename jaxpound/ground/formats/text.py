@@ -102,8 +102,7 @@ def read_file(file: Path) -> TextFile:
         encoding = "utf-8"
     except UnicodeDecodeError:
         encoding = "latin-1"
-    lines = list(_lines(data, encoding))
-    if not lines:
+    if not (lines := list(_lines(data, encoding))):
         raise MisreadError(None, "is empty: it must hold rows of numbers")
     return TextFile(lines, data.endswith((b"\n", b"\r")))
 
@@ -117,12 +116,10 @@ def _among(data: bytes, signs: bytes) -> NDArray[np.bool_]:
 
 def _lines(data: bytes, encoding: str) -> Iterator[TextLine]:
     """Lines that are not blank. Some PEER files end them in CR CR LF, which counts as one end."""
-    number = 0
-    for chunk in io.BytesIO(data):
-        for line in chunk.rstrip(b"\r\n").split(b"\r"):
-            number += 1
-            if line and trimmed(text := line.decode(encoding)):
-                yield TextLine(number, text)
+    lines = (x for chunk in io.BytesIO(data) for x in chunk.rstrip(b"\r\n").split(b"\r"))
+    for number, line in enumerate(lines, 1):
+        if line and trimmed(text := line.decode(encoding)):
+            yield TextLine(number, text)
 
 
 def trimmed(text: str) -> str:

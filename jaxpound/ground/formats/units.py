@@ -105,8 +105,7 @@ OTHER_QUANTITIES = set_of(
 def state(stated: dict[str, int], unit: str, line: int) -> None:
     """Add a unit to those stated; a ``MisreadError`` if they have another one of its quantity."""
     sizes = UNITS if unit in UNITS else SECONDS
-    other = stated_among(stated, sizes)
-    if other and sizes[other] != sizes[unit]:
+    if (other := stated_among(stated, sizes)) and sizes[other] != sizes[unit]:
         raise MisreadError(line, f"the header states both {other!r} and {unit!r}")
     stated.setdefault(unit, line)
 
