@@ -24,7 +24,5 @@ def require(owner: str, library: str) -> Any:
         if error.name != library:  # installed, but one of its own dependencies is not
             raise
         extra = EXTRAS[library]
-        raise ImportError(
-            f"{owner} needs {library}, which the extra {extra!r} brings: pip install '.[{extra}]' "
-            "in a clone of jaxpound"
-        ) from error
+        remedy = f"the extra {extra!r} brings: pip install '.[{extra}]' in a clone of jaxpound"
+        raise ImportError(f"{owner} needs {library}, which {remedy}") from error

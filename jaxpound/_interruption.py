@@ -114,14 +114,10 @@ def _wait(reader: int) -> None:
             remove_empty_folders()
             message = f"jaxpound: {_SIGNALS[signal.Signals(number)]}; {_describe_kept()}\n"
         after_a_bar = "\n" if os.isatty(2) else ""
-        _flush_screen()
+        if sys.stdout is not None:
+            flush = threading.Thread(target=sys.stdout.flush, daemon=True)
+            flush.start()
+            flush.join(_READER)  # the reader may have stopped
         os.write(2, f"{after_a_bar}{message}".encode())
     finally:
         os._exit(128 + number)  # threads of XLA may still use what an orderly exit would free
-
-
-def _flush_screen() -> None:
-    if sys.stdout is not None:
-        flush = threading.Thread(target=sys.stdout.flush, daemon=True)
-        flush.start()
-        flush.join(_READER)  # the reader may have stopped
