@@ -78,7 +78,7 @@ class FloorDemands(Shown):
         if self.ductility is not None:
             columns["ductility"] = self.ductility
         from_below = enumerate(zip(*columns.values(), strict=True), 1)
-        rows = [(str(floor), *map(float, numbers)) for floor, numbers in from_below]
+        rows: list[Any] = [(str(floor), *map(float, x)) for floor, x in from_below]
         return [TextTable(title, ("floor", *columns), rows[::-1], digits=4)]
 
 
