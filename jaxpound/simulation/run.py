@@ -229,7 +229,7 @@ def _prepare(
 
 
 Case = tuple[Structures, Ground, InitialState | None]
-"""What a run is of, all that it may be traced by."""
+"""The structures, the ground motion and the start of a run."""
 
 
 def _run(
