@@ -11,7 +11,7 @@ import difflib
 import os
 import re
 import reprlib
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable
 from decimal import Decimal
 from pathlib import Path
 from types import NoneType
@@ -215,9 +215,7 @@ def not_negative(owner: str, **values: Any) -> list[Any]:
     return _numbers(owner, values, lambda x: x >= 0, "finite and not negative")
 
 
-def _numbers(
-    owner: str, values: Mapping[str, Any], holds: Callable[[Any], Any], says: str
-) -> list[Any]:
+def _numbers(owner: str, values: dict[str, Any], holds: Callable[..., Any], says: str) -> list[Any]:
     numbers = {name: real(owner, name, value) for name, value in values.items()}
     enforce(owner, [Rule(name, x, holds(x) & finite(x), says) for name, x in numbers.items()])
     return [*numbers.values()]

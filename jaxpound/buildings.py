@@ -225,15 +225,9 @@ def pair_in(
     left: Building, right: Building, friction: Any, gap: Any, contact: Any, frequency: Any
 ) -> AdjacentStructures:
     """A pair whose relaxation times are in units of a frequency, rad/s; the link's as they are."""
-    return AdjacentStructures(
-        rod_1=left.zener(frequency),
-        rod_2=right.zener(frequency),
-        mass_ratio=left.mass / right.mass,
-        stiffness_ratio=right.stiffness / left.stiffness,
-        friction=friction,
-        initial_gap=gap,
-        contact=contact,
-    )
+    rods = left.zener(frequency), right.zener(frequency)
+    ratios = left.mass / right.mass, right.stiffness / left.stiffness
+    return AdjacentStructures(*rods, *ratios, friction, gap, contact)
 
 
 def dimensionless_row(

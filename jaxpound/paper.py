@@ -36,9 +36,8 @@ def ground() -> Ricker:
     >>> round(float(jp.pga(jp.paper.ground(), jp.paper.grid())), 1)  # in g
     22.0
     """
-    return Ricker(
-        amplitude=0.5, periods=[1.25, 1.0, 2.0, 3.5, 3.8], arrivals=[1.5, 2.0, 3.0, 4.0, 5.0]
-    )
+    periods, arrivals = [1.25, 1.0, 2.0, 3.5, 3.8], [1.5, 2.0, 3.0, 4.0, 5.0]
+    return Ricker(amplitude=0.5, periods=periods, arrivals=arrivals)
 
 
 def grid() -> TimeGrid:

@@ -30,6 +30,7 @@ _Temperature = Annotated[float, between(1e-9, 10, "m", "of the soft minimum of g
 _SHARE = '"worst", "mean" or a share'
 _Share = Annotated[float, between(1e-6, 1, "", "of the earthquakes")]
 _Over = Annotated[str | _Share, says(_SHARE)]
+_OfGaps = Literal["mean gap", "worst gap", "soft minimum", "CVaR"]
 
 
 class ObjectiveTable(OfClass):
@@ -44,15 +45,7 @@ class ObjectiveTable(OfClass):
         "gap at rest": jp.GapAtRest,
         "least demand": jp.LeastDemand,
     }
-    goal: Literal[
-        "mean gap",
-        "worst gap",
-        "soft minimum",
-        "CVaR",
-        "pounding probability",
-        "gap at rest",
-        "least demand",
-    ] = "mean gap"
+    goal: Literal[_OfGaps, "pounding probability", "gap at rest", "least demand"] = "mean gap"
     temperature: _Temperature | None = None
     share: _Share | None = None
     gap: Gap | None = None
@@ -75,10 +68,8 @@ class Weighted(Section):
     over: _Over = "mean"
 
 
-_AtMost = Annotated[
-    float | AtMost,
-    says(f"a number, {{at_most = ..., over = {_SHARE}}} or {{at_most = ..., probability = ...}}"),
-]
+_BOUND = f"a number, {{at_most = ..., over = {_SHARE}}} or {{at_most = ..., probability = ...}}"
+_AtMost = Annotated[float | AtMost, says(_BOUND)]
 _Weighted = Annotated[float | Weighted, says(f"a number, or {{weight = ..., over = {_SHARE}}}")]
 Limits = dict[str, _AtMost]
 Penalties = dict[str, _Weighted]
@@ -152,10 +143,8 @@ def run(args: argparse.Namespace) -> None:
         from jaxpound.plots.style import drawn
 
         compared = design.trained if design.fresh is None else design.fresh
-        figures = {
-            "convergence": drawn(plots.convergence, design),
-            "before_and_after": drawn(plots.before_and_after, compared),
-        }
+        figures = {"convergence": drawn(plots.convergence, design)}
+        figures["before_and_after"] = drawn(plots.before_and_after, compared)
         demand = design.objective_function.demand
         if demand == "min_gap" and config.layout.laws:
             demand = "peak_impulse"

@@ -21,10 +21,8 @@ from jaxpound.results.named import is_demand
 from jaxpound.study.statistics import Estimate
 
 _Site = Annotated[Annotated[int, Count] | str, says("the row of a site, from 1, or its name")]
-_Shares = Annotated[
-    list[Annotated[float, between(1e-9, 0.999, "", "a probability")]],
-    says("a list of probabilities", min_length=1),
-]
+_Share = Annotated[float, between(1e-9, 0.999, "", "a probability")]
+_Shares = Annotated[list[_Share], says("a list of probabilities", min_length=1)]
 _Error = "a standard error"
 
 
@@ -50,11 +48,10 @@ class HazardTable(Section):
 
     def model(self, file: File) -> jp.HazardCurve:
         """The library's ``HazardCurve``."""
+        points: Any = map(np.array, (self.intensity, self.annual_rate))
         if self.file is not None:
-            hazard = jp.HazardCurve(*read_hazard(file.folder / self.file, self.site, first=1))
-        else:
-            intensity, annual_rate = map(np.array, (self.intensity, self.annual_rate))
-            hazard = jp.HazardCurve(intensity, annual_rate)
+            points = read_hazard(file.folder / self.file, self.site, first=1)
+        hazard = jp.HazardCurve(*points)
         return hazard if self.measure is None else dataclasses.replace(hazard, measure=self.measure)
 
 
@@ -229,20 +226,13 @@ def of_study(
     measure = Measure.of_text(hazard.measure)
     with named(place):
         curve = study.fragility(column, table.gap, link=table.number)
-    curve = dataclasses.replace(
-        curve,
-        median=curve.median / factor,
-        intensity=curve.intensity / factor,
-        unit=measure.unit,
-        measure=str(dataclasses.replace(study_measure, unit=measure.unit)),
-    )
+    numbers: Any = {"median": curve.median / factor, "intensity": curve.intensity / factor}
+    words = str(dataclasses.replace(study_measure, unit=measure.unit))
+    curve = dataclasses.replace(curve, **numbers, unit=measure.unit, measure=words)
     with named(place_of_hazard):
         rate = hazard.annual_rate_of(curve, results.confidence)
-    in_study_unit = jp.HazardCurve(
-        hazard.intensity * factor,
-        hazard.annual_rate,
-        str(dataclasses.replace(measure, unit=study_measure.unit)),
-    )
+    words = str(dataclasses.replace(measure, unit=study_measure.unit))
+    in_study_unit = jp.HazardCurve(hazard.intensity * factor, hazard.annual_rate, words)
     with named(place):
         options |= {"years": results.years, "intensity": column}
         gaps = {p: in_study_unit.required_gap(study, p, **options) for p in shares}

@@ -20,10 +20,8 @@ from jaxpound.simulation.buildings import natural_periods, record_grid
 
 _Numbers = Annotated[list[float], says("a list of numbers", min_length=1)]
 _LEVELS = Range(1e-6, 100, "g", "twenty times the strongest PGA that was recorded")
-_Levels = Annotated[
-    list[Annotated[float, between(*_LEVELS)]],
-    says(f"a list of numbers {_LEVELS.rule}", min_length=1),
-]
+_Level = Annotated[float, between(*_LEVELS)]
+_Levels = Annotated[list[_Level], says(f"a list of numbers {_LEVELS.rule}", min_length=1)]
 _Ends = Annotated[tuple[float, float], says("two numbers, [low, high]")]
 _RANGES = {"asce 7": jp.PeriodRange.asce_7, "en 1998": jp.PeriodRange.en_1998}
 
@@ -97,10 +95,8 @@ def run(args: argparse.Namespace) -> None:
     from jaxpound.plots import ida, suites
     from jaxpound.plots.style import drawn
 
-    figures = {
-        "ida": drawn(ida.curves, analysis),
-        "spectra": drawn(suites.spectra, scaled or suite),
-    }
+    figures = {"ida": drawn(ida.curves, analysis)}
+    figures["spectra"] = drawn(suites.spectra, scaled or suite)
     tables = [*(scaled._tables() if scaled else ()), *analysis._tables()]
     if curve is not None:
         figures["fragility"] = drawn(ida.fragility, analysis)
@@ -126,11 +122,9 @@ def records(
     file: File, config: IdaConfig, strict: bool = False
 ) -> tuple[jp.RecordSuite, jp.ScaledSuite | None]:
     """The suite that is run, and how it was scaled if there is a target."""
-    table = config.suite
+    table, folder = config.suite, file.folder / config.suite.folder
     with named(f"{file.name}: [suite]"):
-        suite = jp.read_suite(
-            file.folder / table.folder, table.pattern, units=table.units, dt=table.dt
-        )
+        suite = jp.read_suite(folder, table.pattern, units=table.units, dt=table.dt)
     if (to := config.target) is None:
         return suite, None
     with named(f"{file.name}: [target]"):

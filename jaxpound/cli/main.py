@@ -180,6 +180,10 @@ _OUT = (
     _file("--out", _OUT_WORDS, "DIR", required=True),
     ("--pdf", {"help": "write every figure as PDF too, for print", "action": "store_true"}),
 )
+_RECORD = "accelerogram: PEER AT2, K-NET, columns of time and acceleration, or values with --dt"
+_JOINING = "an accelerogram in g that joins the random earthquakes; may be given several times"
+_BUILDINGS = "buildings, dampers and run; without it the example of two buildings is used"
+_STUDY = "folder for the results, made if needed; a started study goes on"
 _UNITS = "g (where it states none), m/s2, cm/s2, gal, ft/s2, in/s2, mm/s2, mg"
 _SAMPLES = "number of samples, instead of the file's"
 _SHARD = "run every N-th chunk from the I-th only: N jobs, I = 1 to N, fill one store"
@@ -206,16 +210,8 @@ _COMMANDS = {
         "buildings, given in SI units, under a recorded earthquake",
         [
             *_OUT,
-            _file(
-                "--record",
-                "accelerogram: PEER AT2, K-NET, columns of time and acceleration, or values "
-                "with --dt",
-                required=True,
-            ),
-            _file(
-                "--config",
-                "buildings, dampers and run; without it the example of two buildings is used",
-            ),
+            _file("--record", _RECORD, required=True),
+            _file("--config", _BUILDINGS),
             _example("the example configuration and exit"),
             ("--units", {"help": f"of the record: {_UNITS}"}),
             ("--dt", {"help": "its time step in s, for a file that states none", "type": float}),
@@ -228,12 +224,7 @@ _COMMANDS = {
         "a Monte Carlo study of uncertain earthquakes and buildings; goes on where it was stopped",
         [
             *_configuration("what is to be studied", "an example study"),
-            _file(
-                "--store",
-                "folder for the results, made if needed; a started study goes on",
-                "DIR",
-                required=True,
-            ),
+            _file("--store", _STUDY, "DIR", required=True),
             ("--samples", {"help": _SAMPLES, "type": _count, "metavar": "N"}),
             ("--shard", {"help": _SHARD, "default": "1/1", "metavar": "I/N"}),
             _STRICT,
@@ -252,13 +243,7 @@ _COMMANDS = {
         [
             *_OUT,
             *_configuration("what may be chosen", "an example design"),
-            _file(
-                "--record",
-                "an accelerogram in g that joins the random earthquakes; may be given several "
-                "times",
-                action="append",
-                default=[],
-            ),
+            _file("--record", _JOINING, action="append", default=[]),
             _file(
                 "--save",
                 "the search keeps its state in this file, which remains when it is done; without "

@@ -61,8 +61,6 @@ def page(response: jp.Response, by_paper_scheme: float, initial_gap: float) -> s
 def row(name: str, value: float | None, reference: float | None) -> tuple[str, ...]:
     """A number beside its reference; either may be missing."""
     difference = "-" if value is None or reference is None else f"{value - reference:.1e}"
-    cells = (
-        "-" if x is None else f"{x:.8f}" if isinstance(x, float) else str(x)
-        for x in (value, reference)
-    )
+    both = value, reference
+    cells = ("-" if x is None else f"{x:.8f}" if isinstance(x, float) else str(x) for x in both)
     return name, *cells, difference

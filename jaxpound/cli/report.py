@@ -269,14 +269,12 @@ def parts_of_page(answers: dict[str, Any]) -> list[str | TextTable]:
     parts.append(TextTable.of(_DEMANDS, demands))
     for column in ("required_gap", "peak_impulse"):
         if correlations := answers.get(f"correlations_with_{column}"):
-            of_row = ("buildings.", "links.")
-            names = [
-                in_words_of(path).replace(", ", " ") if path.startswith(of_row) else path
-                for path in correlations
-            ]
-            pairs = zip(names, correlations.values(), strict=True)
-            values = ", ".join(f"{name} {value:+.2f}" for name, value in pairs)
-            parts.append(f"Rank correlation with the {in_words(column)}: {values}.")
+            values = []
+            for path, value in correlations.items():
+                of_row = path.startswith(("buildings.", "links."))
+                name = in_words_of(path).replace(", ", " ") if of_row else path
+                values.append(f"{name} {value:+.2f}")
+            parts.append(f"Rank correlation with the {in_words(column)}: {', '.join(values)}.")
     if fragility := answers["fragility"]:
         curves = [(in_words(name), *curve.values()) for name, curve in fragility.items()]
         parts += [TextTable.of(_FRAGILITY, curves), "The dispersion is that of the logarithm."]

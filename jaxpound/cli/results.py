@@ -151,10 +151,8 @@ def _of_contact(response: jp.Response, link: int) -> dict[str, Any] | None:
     columns, fields = _columns(type(scalars), "contact"), _columns(ImpactSeries).items()
     results: dict[str, Any] = {key: float(getattr(scalars, x)) for x, key in columns.items()}
     results["stored_at_end_J"] = float(series.contact_stored[-1])
-    results["impacts"] = [
-        {key: getattr(impact, x) for x, key in fields} for impact in response.impacts(link)
-    ]
-    return results
+    impacts = [{key: getattr(impact, x) for x, key in fields} for impact in response.impacts(link)]
+    return results | {"impacts": impacts}
 
 
 def _columns(cls: type, only: str = "") -> dict[str, str]:

@@ -97,18 +97,10 @@ def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
     by_law = any(link.contact is not None for link in response.links)
     dampers = any(link.has_damper for link in response.links)
     gaps = layout.is_pair or bool(np.isfinite(response.min_gap))
-    names = {
-        "ground_motion": True,
-        "displacements": True,
-        "gap": gaps,
-        "gap_map": gaps and not layout.is_pair,
-        "friction_force": dampers,
-        "friction_hysteresis": dampers,
-        "rod_hysteresis": True,
-        "contact_force": by_law,
-        "contact_hysteresis": by_law,
-        "energy": True,
-    }
+    names = ["ground_motion", "displacements"]
+    names += ["gap"] * gaps + ["gap_map"] * (gaps and not layout.is_pair)
+    names += ["friction_force", "friction_hysteresis"] * dampers + ["rod_hysteresis"]
+    names += ["contact_force", "contact_hysteresis"] * by_law + ["energy"]
     figures = {"overview": drawn(plots.overview, response)}
     if not layout.is_pair:
         elevations = [building.elevations for building in layout.buildings]
@@ -118,9 +110,7 @@ def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
         for i, building in enumerate(layout.buildings, 1):
             if building.n_floors > 1:
                 figures[f"mode_shapes_{i}"] = drawn(plots.mode_shapes, building)
-    return figures | {
-        name: drawn(getattr(plots, name), response) for name, exists in names.items() if exists
-    }
+    return figures | {name: drawn(getattr(plots, name), response) for name in names}
 
 
 def respond(

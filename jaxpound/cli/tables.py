@@ -35,10 +35,8 @@ OF_DEMANDS = {
 Gap = Annotated[float, between(*GAP)]
 _FACES = "a number, or two, [left, right], of which one may be inf"
 _Face = Annotated[float, between(0, math.inf, "m", "infinite on a side where nothing is")]
-Gaps = Annotated[
-    Gap | Annotated[list[_Face], Meta(min_length=2, max_length=2)],
-    Meta(extra={"says": _FACES, "alone": Gap, "range": GAP}),
-]
+_Faces = Annotated[list[_Face], Meta(min_length=2, max_length=2)]
+Gaps = Annotated[Gap | _Faces, Meta(extra={"says": _FACES, "alone": Gap, "range": GAP})]
 Friction = Annotated[float, between(*FRICTION)]
 Files = Annotated[list[str], says("a list of files", min_length=1)]
 
@@ -176,10 +174,8 @@ _FORMS = (
     "{normal = [mean, std]}, {lognormal = [median, sigma]}, {uniform = [low, high]} or "
     "{hazard = [[intensity, annual rate], ...]}"
 )
-_Two = Annotated[
-    tuple[Annotated[float, between(-1e300, 1e300)], Annotated[float, between(-1e300, 1e300)]],
-    says("two finite numbers"),
-]
+_Finite = Annotated[float, between(-1e300, 1e300)]
+_Two = Annotated[tuple[_Finite, _Finite], says("two finite numbers")]
 _Points = says("pairs [intensity, annual rate]", min_length=2)
 
 
@@ -252,10 +248,8 @@ _Frequency = Annotated[float, between(0.01, 100, "Hz", "of soil: soft has 0.5 Hz
 _Damping = Annotated[float, between(0.01, 0.99, "", "of the critical damping")]
 _STRENGTH = Range(0, 10, "g", "the standard deviation of the acceleration at its strongest")
 _LEAST_STRENGTH = 1e-6  # if it is not random: a run needs shaking
-_Acceleration = Annotated[
-    float | DistributionSpec,
-    says("a standard deviation in g, or its distribution, {lognormal = [median, sigma]}"),
-]
+_OF_NOISE = "a standard deviation in g, or its distribution, {lognormal = [median, sigma]}"
+_Acceleration = Annotated[float | DistributionSpec, says(_OF_NOISE)]
 _OF_SOIL = ("frequency", "damping", "acceleration", "duration")
 _NEEDED = {"kanai-tajimi": _OF_SOIL, "clough-penzien": (*_OF_SOIL, "high_pass")}
 _SAMPLES_IN_A_PERIOD = 20

@@ -117,8 +117,7 @@ def interval(
         least = -math.inf if parameter.least is None else parameter.least
         low = float(least) if parameter.above is None else SMALLEST
     bounded = [values[other] for other, (x, _) in table.items() if _lower(x, other) == path]
-    highs = [parameter.most and float(parameter.most), *bounded]
-    highs = [x for x in highs if x is not None]
+    highs = [x for x in (parameter.most and float(parameter.most), *bounded) if x is not None]
     return low, reduce(smaller, highs) if highs else math.inf
 
 
@@ -201,8 +200,7 @@ def _rebuilt(node: Any, values: Mapping[Sequence[str], Any]) -> Any:
     for (first, *tail), value in values.items():
         below.setdefault(first, {})[tuple(tail)] = value
     if isinstance(node, tuple | list):
-        return type(node)(
-            _rebuilt(x, below[str(i)]) if str(i) in below else x for i, x in enumerate(node)
-        )
+        items = (_rebuilt(x, below[str(i)]) if str(i) in below else x for i, x in enumerate(node))
+        return type(node)(items)
     changed = {field: _rebuilt(getattr(node, field), tail) for field, tail in below.items()}
     return dataclasses.replace(node, **changed)

@@ -63,8 +63,7 @@ class ZenerRod:
 
     def complex_modulus(self, omega: ArrayLike) -> jax.Array:
         """K*(iω) = (1 + τ_x (iω)^γ) / (1 + τ_f (iω)^γ) in units of K, for ω > 0."""
-        storage, loss = self._moduli(omega)
-        return lax.complex(storage, loss)
+        return lax.complex(*self._moduli(omega))
 
     def storage_modulus(self, omega: ArrayLike) -> jax.Array:
         """Real part of K*(iω), in units of K."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxpound._checks import instance, is_whole
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, like, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
@@ -106,10 +106,8 @@ class FloorLink:
         if has_two_faces(self, owner):
             self.faces()  # which checks them
             return
-        try:
+        with renamed(owner):
             check(self)
-        except InvalidInput as error:
-            raise error.replaced(owner=owner) from error
 
     more_rules = Link.more_rules
 

@@ -121,9 +121,7 @@ class Link:
         return [Rule(f"{prefix}gap", self.gap, finite(self.gap), says)]
 
 
-OPPOSITE: dict[str, Any] = {"friction": 0.0} | dict.fromkeys(
-    ("damper", "velocity_friction", "inerter")
-)
+OPPOSITE: Any = {"friction": 0.0, "damper": None, "velocity_friction": None, "inerter": None}
 """What the left face of a link of two faces leaves to the right one."""
 
 
@@ -145,12 +143,9 @@ def has_two_faces(link: Any, owner: str) -> bool:
 
 def of_faces(gap: tuple[Any, Any], contact: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """Gap and contact of the right face, and of the left; one law is that of faces that close."""
-    laws = (
-        contact
-        if isinstance(contact, tuple)
-        else [contact if is_closable(x) else None for x in gap]
-    )
-    left, right = ({"gap": x, "contact": law} for x, law in zip(gap, laws, strict=True))
+    if not isinstance(contact, tuple):
+        contact = tuple(contact if is_closable(x) else None for x in gap)
+    left, right = ({"gap": x, "contact": law} for x, law in zip(gap, contact, strict=True))
     return right, left
 
 
@@ -247,11 +242,8 @@ class System:
     @property
     def topology(self) -> Topology:
         """Number of masses, and the ends of rods and links."""
-        return Topology(
-            len(self.masses),
-            tuple(rod.ends for rod in self.rods if rod.ends is not None),
-            tuple(link.ends for link in self.links),
-        )
+        rods = tuple(rod.ends for rod in self.rods if rod.ends is not None)
+        return Topology(len(self.masses), rods, tuple(link.ends for link in self.links))
 
 
 def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:

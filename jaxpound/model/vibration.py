@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxpound._checks import instance, is_traced
+from jaxpound._checks import instance, is_known_and_single, is_traced
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.dampers import PowerLaw
@@ -118,10 +118,9 @@ class _Linear:
         system = structures.system()
         inerters = [link.inerter for link in system.links]
         leaves = jax.tree.leaves((system.masses, system.rods, inerters))
-        if is_traced(leaves):
-            raise InvalidInput(owner, "structures", "", "must be known, not traced")
-        if any(np.ndim(leaf) for leaf in leaves):
-            raise InvalidInput(owner, "structures", "", "must be one, not a batch")
+        if not is_known_and_single(leaves):
+            rule = "must be known, not traced" if is_traced(leaves) else "must be one, not a batch"
+            raise InvalidInput(owner, "structures", "", rule)
         self.masses = np.array([float(mass) for mass in system.masses])
         self.n = self.masses.size
         unit_motions = [*np.eye(self.n)]

@@ -102,10 +102,8 @@ def contact_loops(response: Response, link: LinkResponse) -> list[tuple[np.ndarr
     if response.batch or link.law is None or link.impacts is None:
         return []
     inverse = [1 / float(response.masses[end].mass) for end in link.ends if end != GROUND]
-    law, time = (
-        with_mass(link.law, 1 / sum(inverse) + float(link.inertance)),
-        np.asarray(response.time),
-    )
+    law = with_mass(link.law, 1 / sum(inverse) + float(link.inertance))
+    time = np.asarray(response.time)
     loops = []
     for impact in link.impacts.entries(0):
         end = time[-1] if np.isnan(impact.end) else impact.end
@@ -266,9 +264,7 @@ def draw_curve(ax: Axes, x: Any, factor: float, curve: Curve, **style: Any) -> N
     ax.autoscale_view()
 
 
-def series_axis(
-    response: Response, words: str, kind: str, series: Iterable[Any]
-) -> tuple[float, str]:
+def series_axis(response: Response, words: str, kind: str, series: Any) -> tuple[float, str]:
     """Factor of the unit for the largest number of the series, and words with the unit."""
     peak = max((float(np.max(np.abs(x), initial=0.0)) for x in series), default=0.0)
     return house.with_unit(words, kind, response.si, peak)

@@ -294,9 +294,7 @@ def _draw(
     _over_height(ax, heights, in_metres)
 
 
-def _draw_line(
-    ax: Axes, name: str, values: np.ndarray, heights: np.ndarray, style: dict[str, Any]
-) -> None:
+def _draw_line(ax: Axes, name: str, values: np.ndarray, heights: np.ndarray, style: Any) -> None:
     """A single run as a line; the median of a batch, and 16 to 84 % of it as a band."""
     curves = np.quantile(values, _BAND, axis=0)
     points: dict[str, Any] = {"marker": "o", "markersize": 2.5, "clip_on": False}

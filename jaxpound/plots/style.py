@@ -303,9 +303,7 @@ def log_log(ax: Axes) -> None:
     ratio_ticks(ax.yaxis)
 
 
-def bars(
-    ax: Axes | None, sizes: Mapping[str, float], words: str
-) -> tuple[Axes, list[str], np.ndarray]:
+def bars(ax: Axes | None, sizes: Mapping[str, float], words: str) -> tuple[Axes, list[str], Any]:
     """Axes for horizontal bars of parameters, the largest of twelve on top: paths and places."""
     paths = sorted(sizes, key=lambda path: sizes[path])[-12:]
     ax = new_axes(ax, height=max(1.0, (0.27 * len(paths) + 0.8) / FIGURE_SIZE[1]))

@@ -77,11 +77,9 @@ class FloorDemands(Shown):
             columns["drift ratio (%)"] = 100 * self.drift_ratio
         if self.ductility is not None:
             columns["ductility"] = self.ductility
-        rows: list[list[str | float]] = [
-            [str(i + 1), *(float(x[i]) for x in columns.values())]
-            for i in reversed(range(len(self.masses)))
-        ]
-        return [TextTable(title, ("floor", *columns), rows, digits=4)]
+        from_below = enumerate(zip(*columns.values(), strict=True), 1)
+        rows: list[Any] = [(str(floor), *map(float, x)) for floor, x in from_below]
+        return [TextTable(title, ("floor", *columns), rows[::-1], digits=4)]
 
 
 def floor_demands(

@@ -183,9 +183,8 @@ class Response(ByElement, Columnar, Shown):
         kinetic = _total(m * v_of_mass**2 for m, v_of_mass in zip(masses, v, strict=True)) / 2
         for link in self.links:
             if link.inertia is not None:
-                kinetic = (
-                    kinetic + jnp.asarray(link.inertance)[..., None] * link.slip_velocity**2 / 2
-                )
+                inertance = jnp.asarray(link.inertance)[..., None]
+                kinetic = kinetic + inertance * link.slip_velocity**2 / 2
         steps = jnp.diff(self.time, axis=-1)
         works = steps * _means(_total(r.force * elongation(r.ends, v) for r in self.rods))
         if touching := [link.touching for link in self.links if link.touching is not None]:

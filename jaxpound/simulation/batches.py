@@ -53,10 +53,8 @@ def use_cores(n: int | None = None) -> int:
     except RuntimeError as error:
         started = len(jax.devices("cpu"))
         if started != n:
-            raise RuntimeError(
-                f"use_cores: n = {n} must be set before JAX computes anything; "
-                f"it has started with {started}"
-            ) from error
+            rule = f"must be set before JAX computes anything; it has started with {started}"
+            raise RuntimeError(f"use_cores: n = {n} {rule}") from error
     return n
 
 
@@ -226,20 +224,16 @@ def _batch_size(args: tuple[Any, ...]) -> int:
     shapes = [np.shape(leaf) for leaf in jax.tree.leaves(args)]
     sizes = {shape[0] if shape else None for shape in shapes}
     if len(sizes) != 1 or None in sizes or 0 in sizes:
-        raise ValueError(
-            f"in_chunks: arguments of shapes {', '.join(map(str, shapes))} must be arrays with "
-            "the same number of runs, at least 1, along their first axis; "
-            "what all runs share belongs inside the function"
-        )
+        rule = "must be arrays with the same number of runs, at least 1, along their first axis; "
+        rule += "what all runs share belongs inside the function"
+        raise ValueError(f"in_chunks: arguments of shapes {', '.join(map(str, shapes))} {rule}")
     return shapes[0][0]
 
 
 def _no_tracer(tree: Any) -> None:
     if is_traced(tree):
-        raise ValueError(
-            "in_chunks runs outside jit, vmap and grad; take derivatives inside its function, "
-            "and the sum or mean of its results"
-        )
+        remedy = "take derivatives inside its function, and the sum or mean of its results"
+        raise ValueError(f"in_chunks runs outside jit, vmap and grad; {remedy}")
 
 
 def _room(n: int, x: jax.Array) -> np.ndarray:

@@ -104,10 +104,7 @@ def simulate_buildings(
     _require_single(owner, friction_force=friction_force, gap=gap, gravity=gravity)
     pair = building_1, building_2
     structures, scales = pair_of(owner, pair, friction_force, gap, contact, gravity)
-    # Neither damper nor gap nor contact, which may be traced, matters to the time step.
-    unlinked = dataclasses.replace(structures, friction=0.0, initial_gap=0.0, contact=None)
-    inputs = (owner, structures, scales, unlinked, by_name, record, ("gap", "contact"))
-    return _respond(*inputs, duration, dt, scheme, strict)
+    return _respond(owner, structures, scales, by_name, record, duration, dt, scheme, strict)
 
 
 def simulate_row(
@@ -152,9 +149,7 @@ def simulate_row(
     _require_single(owner, gravity=gravity)
     structures, scales = Buildings.of(owner, buildings, links, gravity).dimensionless_for(owner)
     by_name = {f"buildings.{i}": building for i, building in enumerate(buildings)}
-    unlinked = dataclasses.replace(structures, links=())
-    inputs = (owner, structures, scales, unlinked, by_name, record, None)
-    return _respond(*inputs, duration, dt, scheme, strict)
+    return _respond(owner, structures, scales, by_name, record, duration, dt, scheme, strict)
 
 
 def _require_single(owner: str, **values: Any) -> None:
@@ -169,10 +164,8 @@ def _respond(
     owner: str,
     structures: AdjacentStructures | Row,
     scales: Scales,
-    unlinked: AdjacentStructures | Row,
     buildings: Mapping[str, Building | ShearBuilding],
     record: Record,
-    single_link_names: tuple[str, str] | None,
     duration: float | None,
     dt: float | None,
     scheme: Scheme,
@@ -189,16 +182,18 @@ def _respond(
             raise ValueError(f"{owner}: {name} of shape {shape} must be one building, not a batch")
     shaking = scales.to_dimensionless(record)
     warn(owner, doubts(structures, scales) + too_wide(structures, scales), strict)
+    is_pair = isinstance(structures, AdjacentStructures)
+    # Neither damper nor gap nor contact, which may be traced, matters to the time step.
+    free: Any = {"friction": 0.0, "initial_gap": 0.0, "contact": None} if is_pair else {"links": ()}
+    unlinked = dataclasses.replace(structures, **free)
     with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
         grid = record_grid(f"{owner}:", unlinked, scales, scheme, record, duration, dt)
     response = respond(owner, structures, shaking, grid, scheme, strict)
     in_si = scales.to_si(response)
-    links = [
-        dataclasses.replace(link, gap=link.gap * scales.length)
-        for link in structures.system().links
-    ]
+    links = [dataclasses.replace(x, gap=x.gap * scales.length) for x in structures.system().links]
+    names = ("gap", "contact") if is_pair else None
     findings = excessive(record, response.demand.pga, "record")
-    findings += implausible_links(links, in_si.demand, single_link_names, gaps=False)
+    findings += implausible_links(links, in_si.demand, names, gaps=False)
     warn(owner, findings, strict)
     return in_si
 

@@ -120,17 +120,16 @@ def _private(caches: Path) -> Path:
     """The folder for programs in one for caches, made if needed; refused if others may write."""
     caches.mkdir(mode=0o700, parents=True, exist_ok=True)
     caches = caches.resolve()
-    package_folder = caches / "jaxpound"
-    programs = package_folder / "programs"
-    for folder in (package_folder, programs):
+    own = caches / "jaxpound", caches / "jaxpound" / "programs"
+    for folder in own:
         folder.mkdir(mode=0o700, exist_ok=True)
     if hasattr(os, "getuid"):
         user, root = os.getuid(), 0
         for folder in (caches, *caches.parents):
             _require_private(folder, {user, root}, allowed=stat.S_ISVTX)
-        for folder in (package_folder, programs):
+        for folder in own:
             _require_private(folder, {user}, first="empty it, then ")
-    return programs
+    return own[1]
 
 
 def _require_private(folder: Path, owners: set[int], allowed: int = 0, first: str = "") -> None:
@@ -219,10 +218,8 @@ def note_long_compilations() -> None:
 
 def _begin(event: str, value: float, **_: Any) -> None:
     if event == _COMPILING and threading.get_ident() not in _notes:
-        message = (
-            f"jaxpound: compiling a program, for {AFTER:g} s so far; it is done once in a process, "
-            "or once for all processes after jaxpound.keep_programs()"
-        )
+        message = f"jaxpound: compiling a program, for {AFTER:g} s so far; it is done once in a "
+        message += "process, or once for all processes after jaxpound.keep_programs()"
         note = _notes[threading.get_ident()] = threading.Timer(AFTER, _log.warning, [message])
         note.daemon = True
         note.start()

@@ -79,9 +79,8 @@ class Rollout(NamedTuple):
         each link are recorded in one step.
         """
         dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
-        structures, ground, extra, initial = jax.tree.map(
-            lambda x: jnp.asarray(x, dtype), (structures, ground, extra, initial)
-        )
+        cast = partial(jax.tree.map, lambda x: jnp.asarray(x, dtype))
+        structures, ground, extra, initial = cast((structures, ground, extra, initial))
         # Else XLA would fold all that follows from structures that are constants of the program.
         structures = jax.tree.map(lax.optimization_barrier, structures)
         # Before the batch is spread: orders and samples that all runs share are not copied.
@@ -91,7 +90,7 @@ class Rollout(NamedTuple):
         structures, ground, extra, initial, series = spread(
             (structures, ground, extra, initial, series)
         )
-        system = jax.tree.map(lambda x: jnp.asarray(x, dtype), structures.system())
+        system = cast(structures.system())
         dt = grid.dt
 
         # A run that breaks a rule starts from NaN, and so is NaN throughout.
@@ -202,9 +201,7 @@ def _positions(system: StepConstants, now: Instant) -> tuple[Any, ...]:
 def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
     ends = (*system.topology.rods, *system.topology.links)
     forces = [*now.forces, *(link.total_force for link in now.links)]
-    return tuple(
-        load_on(ends, mass, forces) * inverse for mass, inverse in enumerate(system.inverse_masses)
-    )
+    return tuple(load_on(ends, i, forces) * share for i, share in enumerate(system.inverse_masses))
 
 
 POSITIONS = Observer(_positions, lambda topology: topology.n_masses + len(topology.links))
@@ -231,20 +228,15 @@ def observed_at(
     the input (``demand`` does); an invalid run gives NaN.
     """
     ground = as_run(ground, scheme.finest(grid), gravity_of(structures))
-    return _observed_at(observer, structures, ground, grid, scheme, jnp.asarray(instant))
+    return _observed_at(observer, (structures, ground), grid, scheme, jnp.asarray(instant))
 
 
 @partial(jax.jit, static_argnames=("observer", "grid", "scheme"))
 def _observed_at(
-    observer: Observer,
-    structures: Structures,
-    ground: Ground,
-    grid: TimeGrid,
-    scheme: Scheme,
-    instant: jax.Array,
+    observer: Observer, case: tuple[Structures, Ground], grid: TimeGrid, scheme: Scheme, number: Any
 ) -> tuple[Any, ...]:
-    def observed(grid: TimeGrid, instant: jax.Array) -> tuple[Any, ...]:
-        run = Rollout.of(structures, ground, grid, scheme)
+    def observed(grid: TimeGrid, instant: Any) -> tuple[Any, ...]:
+        run = Rollout.of(*case, grid, scheme)
 
         def advance(carry: Any, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
             state, kept = carry
@@ -257,7 +249,6 @@ def _observed_at(
         (_, kept), _ = run.scan(advance, (run.start, before))
         return kept
 
-    coarse = observed(grid, instant)
     if not scheme.extrapolated:
-        return coarse
-    return extrapolated(coarse, observed(grid.halved, 2 * instant))
+        return observed(grid, number)
+    return extrapolated(observed(grid, number), observed(grid.halved, 2 * number))

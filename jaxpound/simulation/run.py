@@ -125,7 +125,7 @@ def respond(
     """``simulate`` for the function ``owner``, which itself checks that results are plausible."""
     shaking = _prepare(owner, structures, ground, grid, scheme, strict, initial)
     balanced = not is_traced((structures, shaking, initial))
-    response, residual = _simulate(structures, shaking, grid, scheme, initial, balanced)
+    response, residual = _simulate((structures, shaking, initial), grid, scheme, balanced)
     response = _finished(response)
     if balanced:
         warn(owner, unbalanced(residual), strict)
@@ -187,7 +187,7 @@ def demand(
         if isinstance(only, str) or not all(isinstance(name, str) for name in only) or not only:
             raise InvalidInput("demand", "only", repr(only), "must hold names of scalars")
         only = tuple(only)
-    scalars = _finished(_demand(structures, shaking, grid, scheme, temperature, initial, only))
+    scalars = _finished(_demand((structures, shaking, initial), grid, scheme, temperature, only))
     scalars = dataclasses.replace(scalars, si=gravity_of(structures) is not None)
     if only is None:
         _warn_of_results("demand", structures, ground, scalars, strict)
@@ -228,17 +228,15 @@ def _prepare(
     return traceable
 
 
+Case = tuple[Structures, Ground, InitialState | None]
+"""The structures, the ground motion and the start of a run."""
+
+
 def _run(
-    structures: Structures,
-    ground: Ground,
-    grid: TimeGrid,
-    scheme: Scheme,
-    temperature: ArrayLike | None,
-    initial: InitialState | None,
-    keep: bool,
+    case: Case, grid: TimeGrid, scheme: Scheme, temperature: ArrayLike | None, keep: bool
 ) -> tuple[System, Demand, StoredSeries | None, tuple[ContactTally | None, ...]]:
     """The system in the run's dtype, scalars, series if ``keep``, and tallies of links' contact."""
-    slots = SLOTS if keep else 0
+    (structures, ground, initial), slots = case, SLOTS if keep else 0
     extra = temperature, _temperature_rules
     run = Rollout.of(structures, ground, grid, scheme, *extra, slots, initial)
     system, zero, temperature, n = run.system, run.zero, run.extra, grid.n_steps
@@ -264,16 +262,10 @@ def _run(
 
 @partial(jax.jit, static_argnames=("grid", "scheme", "only"))
 def _demand(
-    structures: Structures,
-    ground: Ground,
-    grid: TimeGrid,
-    scheme: Scheme,
-    temperature: ArrayLike | None,
-    initial: InitialState | None,
-    only: tuple[str, ...] | None,
+    case: Case, grid: TimeGrid, scheme: Scheme, temperature: ArrayLike | None, only: Any
 ) -> Demand:
     def at(grid: TimeGrid) -> Demand:
-        return _run(structures, ground, grid, scheme, temperature, initial, keep=False)[1]
+        return _run(case, grid, scheme, temperature, keep=False)[1]
 
     scalars = extrapolated(at(grid), at(grid.halved)) if scheme.extrapolated else at(grid)
     return scalars if only is None else scalars.only(only)
@@ -281,20 +273,14 @@ def _demand(
 
 @partial(jax.jit, static_argnames=("grid", "scheme", "balanced"))
 def _simulate(
-    structures: Structures,
-    ground: Ground,
-    grid: TimeGrid,
-    scheme: Scheme,
-    initial: InitialState | None,
-    balanced: bool,
+    case: Case, grid: TimeGrid, scheme: Scheme, balanced: bool
 ) -> tuple[Response, jax.Array | None]:
     """The response and, if ``balanced``, the share of its energy that the balance leaves."""
 
     def at(grid: TimeGrid) -> Response:
-        run = _run(structures, ground, grid, scheme, None, initial, keep=True)
-        system, scalars, stored, contacts = run
+        system, scalars, stored, contacts = _run(case, grid, scheme, None, keep=True)
         assert stored is not None
-        return response_of(system, ground, grid, scheme, scalars, stored, contacts)
+        return response_of(system, case[1], grid, scheme, scalars, stored, contacts)
 
     response = extrapolated_response(at(grid), at(grid.halved)) if scheme.extrapolated else at(grid)
     return response, response.energy.relative_residual if balanced else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import reprlib
 from typing import Any
 
@@ -146,10 +147,8 @@ def single_system(owner: str, structures: Any) -> System:
     rules_of_all = rules(structures) or rules(system)
     for rule in rules_of_all:
         if shape := jnp.shape(rule.value):
-            raise ValueError(
-                f"{owner}: structures: {rule.name} of shape {shape} must be one number; "
-                "a batch of structures goes through jax.vmap"
-            )
+            says = "must be one number; a batch of structures goes through jax.vmap"
+            raise ValueError(f"{owner}: structures: {rule.name} of shape {shape} {says}")
     enforce("structures", rules_of_all)
     return system
 
@@ -187,12 +186,8 @@ def require_local_flow(system: System, scheme: Scheme) -> None:
         return
     for group in link_groups(system.topology):
         links = [system.links[k] for k in group.links]
-        laws = [
-            f"{x} = {type(law).__name__}"
-            for y in links
-            for x in ("contact", "velocity_friction")
-            if (law := getattr(y, x))
-        ]
+        fields = itertools.product(links, ("contact", "velocity_friction"))
+        laws = [f"{x} = {type(law).__name__}" for link, x in fields if (law := getattr(link, x))]
         if len(group.hanging) > 1 or laws:
             reason = "links that share masses" if len(group.hanging) > 1 else laws[0]
             where = f"links.{group.links[0]} with {reason}"
@@ -256,11 +251,9 @@ def _scaled_matrices(system: System, stiffness: list[Any], xp: Any) -> list[tupl
     return matrices
 
 
-def _scaled(
-    system: System, masses: tuple[int, ...], elements: list[tuple[Ends, Any]], xp: Any
-) -> Any:
-    """D^(−1/2) S D^(−1/2) with the matrix S of elements between ends, each with its number."""
-    own = [(ends, number) for ends, number in elements if {*ends} & {*masses}]
+def _scaled(system: System, masses: tuple[int, ...], parts: list[tuple[Ends, Any]], xp: Any) -> Any:
+    """D^(−1/2) S D^(−1/2) with the matrix S of parts between ends, each with its number."""
+    own = [(ends, number) for ends, number in parts if {*ends} & {*masses}]
     if not own:
         return 0.0
     numbers = xp.stack(xp.broadcast_arrays(*[number for _, number in own]), -1)

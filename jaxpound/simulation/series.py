@@ -79,9 +79,8 @@ def response_of(
     topology, rest = system.topology, 0 * stored.forces[0]
     # The scan does not store series that follow from others; those of an invalid run are NaN.
     time = jnp.asarray(grid.times(), rest.dtype)
-    ground_velocity, bulge = (
-        y.astype(rest.dtype) for y in as_motion(ground).velocity_and_bulge(time, grid.dt)
-    )
+    motion = as_motion(ground).velocity_and_bulge(time, grid.dt)
+    ground_velocity, bulge = (y.astype(rest.dtype) for y in motion)
     # A free mass's velocity is the mean of those half a step away. The ground's mean there exceeds
     # the ground velocity now by the bulge, which is added; but not as the run starts.
     bulge = bulge.at[0].set(0)
@@ -92,10 +91,7 @@ def response_of(
         time=time + rest,
         ground_acceleration=jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest,
         ground_velocity=ground_velocity + rest,
-        masses=tuple(
-            MassResponse(x=x, v=v, mass=mass + rest[0])
-            for x, v, mass in zip(x, v, system.masses, strict=True)
-        ),
+        masses=tuple(map(MassResponse, x, v, [mass + rest[0] for mass in system.masses])),
         rods=tuple(map(RodResponse, stored.forces, topology.rods, stored.dissipated)),
         links=tuple(
             _link_response(link, stored.links[k], stored.impacts[k], ends[k], time[-1] + rest[0])
@@ -138,9 +134,8 @@ def _link_response(
     impacts = jax.tree.map(lambda x, y: jnp.append(x, y), passed, unfinished)
     if isinstance(link.contact, Newton):
         impacts = impacts._replace(peak_force=jnp.full_like(impacts.peak_force, jnp.inf))
-    is_impact = (
-        (impacts.approach_velocity > 0) & (impacts.touch_time <= last) & ~(impacts.end_time > last)
-    )
+    is_impact = (impacts.approach_velocity > 0) & (impacts.touch_time <= last)
+    is_impact &= ~(impacts.end_time > last)
     (numbers,) = jnp.nonzero(is_impact, size=min(MOST, is_impact.size), fill_value=is_impact.size)
     kept = jax.tree.map(lambda x: jnp.append(x, jnp.nan)[numbers], impacts)
     fields = kept._asdict()
