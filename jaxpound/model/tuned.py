@@ -96,7 +96,7 @@ def tuned_inerter_damper(
     >>> frame = jp.ShearBuilding.from_period(4, 300e3, period=0.5, damping_ratio=0.02)
     >>> tuned, links = jp.tuned_inerter_damper(frame, 0.05)
     >>> print(links[0], f"{links[0].inerter.inertance / 1e3:.1f} t")
-    1–ground, floor 5 33.9 t
+    1–ground, floor 5 34.8 t
     """
     owner = "tuned_inerter_damper"
     (ratio,) = positive(owner, inertance_ratio=inertance_ratio)

@@ -183,9 +183,16 @@ def _respond(
     shaking = scales.to_dimensionless(record)
     warn(owner, doubts(structures, scales) + too_wide(structures, scales), strict)
     is_pair = isinstance(structures, AdjacentStructures)
-    # Neither damper nor gap nor contact, which may be traced, matters to the time step.
-    free: Any = {"friction": 0.0, "initial_gap": 0.0, "contact": None} if is_pair else {"links": ()}
-    unlinked = dataclasses.replace(structures, **free)
+    # Of what is between buildings, which may be traced, only stiffness and inertance matter to the
+    # time step.
+    free: Any = {"friction": 0.0, "contact": None}
+    if isinstance(structures, AdjacentStructures):
+        unlinked: Any = dataclasses.replace(structures, initial_gap=0.0, **free)
+    else:
+        free |= {"gap": np.inf, "velocity_friction": None}
+        whole = [dataclasses.replace(x, **free) for x in structures.links]
+        stiff = tuple(x for x in whole if not is_traced((x.damper, x.inerter)))
+        unlinked = dataclasses.replace(structures, links=stiff)
     with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
         grid = record_grid(f"{owner}:", unlinked, scales, scheme, record, duration, dt)
     response = respond(owner, structures, shaking, grid, scheme, strict)

@@ -78,6 +78,20 @@ def test_time_step_follows_from_periods_record_and_stability(periods, limit, rec
     assert time_step(periods, limit, record_dt) == pytest.approx(expected)
 
 
+def test_the_time_step_of_a_row_counts_stiff_dampers_and_inertances():
+    damper = jp.Rod(jp.PowerLaw(8e5, 0.3), 2e10)
+    row = [jp.ShearBuilding((building,)) for building in (LEFT, RIGHT)]
+    short = {"duration": 0.3, "record": RECORD}
+    with pytest.warns(jp.PlausibilityWarning, match="after the end of the run"):
+        run = jp.simulate_row(row, (jp.FloorLink(0, 0, damper=damper),), **short)
+    limit = 2 / np.sqrt(2e10 * (1 / 500e3 + 1 / 400e3))
+    assert limit / 3 < run.time[1] < limit / 2
+    light, links = jp.tuned_inerter_damper(row[0], 0.05, mass_ratio=1e-6)
+    with pytest.warns(jp.PlausibilityWarning, match="after the end of the run"):
+        run = jp.simulate_row((light,), links, **short)
+    assert run.time[1] == pytest.approx(0.01)
+
+
 def test_slip_force_gap_and_a_law_of_contact_may_be_traced():
     """The step is chosen in a traced function, too."""
 
