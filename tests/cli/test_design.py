@@ -192,6 +192,7 @@ IN_NOISE = """fresh = 0 & wavelets -> filter = "kanai-tajimi" ; frequency = 1.5 
     & "rod_2.tau_f" -> nothing & goal = "least demand" & demand = "damper_force" & starts = 1"""
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_limit_on_the_probability_of_pounding(write, tmp_path):
     """In white noise through the soil."""
     small = SMALL.replace("dt = 0.02", "dt = 0.03")

@@ -153,6 +153,7 @@ def test_without_damper_and_with_a_small_gap_the_buildings_pound(pulse, write, t
 KELVIN = '[contact] ; law = "kelvin-voigt" ; stiffness = 1.6e9 ; restitution = 0.65'
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_with_a_law_of_contact_the_impacts_are_told(pulse, write, tmp_path):
     path, out = write(f"{NEAR} & {KELVIN}"), tmp_path / "out"
     screen = run("simulate", "--record", pulse, "--config", path, "--out", out)
@@ -189,6 +190,7 @@ def test_with_a_law_of_contact_the_impacts_are_told(pulse, write, tmp_path):
     assert re.search(rf" {told['n_impacts']:.0f} +- +{impulse} ", "\n".join(lines(answers)))
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_units_and_dt_of_a_bare_record(write, tmp_path, capsys):
     record, out = tmp_path / "gal.txt", tmp_path / "out"
     np.savetxt(record, PULSE * 980.665)
@@ -288,6 +290,7 @@ def test_a_truncated_record(el_centro, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(
     ("changes", "finding"),
     [
