@@ -21,7 +21,7 @@ from jaxpound.results.named import in_words
 from tests.cli.commands import UNRESOLVED, is_figure, number, page_of, refusal, run, summary, tables
 
 EXAMPLE = example("design").replace('# "rod_', '"rod_')
-SMALL = "earthquakes = 12 & fresh = 20 & starts = 2 & iterations = 8 & duration = 6.0"
+SMALL = "earthquakes = 12 & fresh = 16 & starts = 2 & iterations = 8 & duration = 6.0"
 SMALL += " & # dt -> dt = 0.02"
 
 
@@ -84,7 +84,7 @@ def test_a_stopped_design_goes_on_and_is_written(write, tmp_path, monkeypatch):
     assert not unfinished.exists()
 
     assert "trained on 13 earthquakes (SI)" in printed
-    assert "fresh: 20 earthquakes (SI)" in printed
+    assert "fresh: 16 earthquakes (SI)" in printed
     assert re.search(r"(?m)^slip force of the damper +N +200,000 +8\d\d,\d00 ", printed)
     assert printed.index("slip force of the damper") < printed.index("rod_1.tau_x")
     written = [line for line in printed.splitlines() if line.startswith(str(out))]

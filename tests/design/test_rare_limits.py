@@ -30,7 +30,7 @@ SCENARIOS = jp.Scenarios(RODS, jp.CustomDraw(ground, N))
 ENSEMBLE = jp.Ensemble.drawn(SCENARIOS, 4)
 SPACE = jp.DesignSpace(PAPER, {"friction": (0.05, 1.0), "initial_gap": (0.02, 2.0)})
 SHORT = {"starts": 1, "iterations": 40, "fresh": None, "progress": False}
-SELDOM = 1e-2
+SELDOM = 2e-3
 NEAR = {"friction": 0.3, "initial_gap": 0.2}
 
 
@@ -45,7 +45,7 @@ def designed(goal, space=SPACE, ensemble=ENSEMBLE, grid=GRID, **more):
 
 @pytest.fixture(scope="module")
 def narrow(tmp_path_factory):
-    """The cheapest gap and damper that pound once in a hundred earthquakes, and its file."""
+    """The cheapest gap and damper that pound once in five hundred earthquakes, and its file."""
     save = tmp_path_factory.mktemp("narrow") / "search.npz"
     return designed(objective(probability=SELDOM), save=save, start=NEAR), save
 
@@ -58,9 +58,9 @@ def test_the_design_pounds_as_seldom_as_wanted(narrow):
     random = dataclasses.replace(RODS, nominal=design.structures)
     scenarios = jp.Scenarios(random, jp.CustomDraw(ground, N))
     run = jp.in_chunks(lambda z: jp.demand(*scenarios.realize(z), GRID, only=["min_gap"]).min_gap)
-    z = np.random.default_rng(7).normal(size=(12_000, scenarios.dimension))
+    z = np.random.default_rng(7).normal(size=(60_000, scenarios.dimension))
     share = np.mean(run(z) <= 0)
-    assert share == pytest.approx(reached, abs=4 * np.sqrt(share / 12_000) + 0.05 * reached)
+    assert share == pytest.approx(reached, abs=4 * np.sqrt(share / 60_000) + 0.05 * reached)
 
 
 def test_the_design_meets_first_order_conditions_of_the_event(narrow):
