@@ -198,13 +198,16 @@ def test_units_and_dt_of_a_bare_record(write, tmp_path, capsys):
     line = refusal(capsys, "simulate", *bare)
     assert re.search(r"gal.txt:\d+: acceleration = \S+ g must be at most 20 g: are the units", line)
     assert not out.exists()
-    path = write('series = "none" & duration = 0.5 & dt = 0.02')
-    run("simulate", *bare, "--units", "gal", "--config", path)
+    run("simulate", *bare, "--units", "gal", "--config", write('series = "none"'))
     answers = summary(out)
     assert answers["record"]["pga_g"] == pytest.approx(np.abs(PULSE).max(), rel=1e-6)
-    assert answers["run"]["steps"] == 25
-    assert answers["run"]["dt_s"] == pytest.approx(0.02)
+    assert answers["run"]["steps"] == 200
+    assert answers["run"]["dt_s"] == pytest.approx(0.01)
     assert not list(out.glob("series.*"))
+    file, configuration = read(write("duration = 0.5 & dt = 0.02"))
+    grid = simulate.grid(file, configuration, jp.Record(PULSE, 0.02))
+    assert grid.n_steps == 25
+    assert grid.dt * float(configuration.scales.time) == pytest.approx(0.02)
 
 
 # --- configuration ------------------------------------------------------------------------------

@@ -122,9 +122,7 @@ def test_a_budget_of_viscous_dampers_is_placed_where_it_is_best():
         with_dampers((0.3, 0.3)), {"links.*.damper.material.force": (0.0, BUDGET)}
     )
     within = jp.Objective(limits={"total_damper_force": BUDGET})
-    design = jp.design_damper(
-        space, EARTHQUAKES, GRID, SOON, within, fresh=None, **SEARCH
-    )
+    design = jp.design_damper(space, EARTHQUAKES, GRID, SOON, within, fresh=None, **SEARCH)
     forces = np.array([*design.values.values()])
     assert forces.sum() <= BUDGET * 1.001
     shares = np.linspace(0, 1, 21)
@@ -144,6 +142,7 @@ def test_a_front_over_budgets(design, placements):
 
 def test_elasticities_by_a_damper_and_a_storey_of_a_row():
     """Of two storeys beside one."""
+
     def row(friction, stiffness):
         upper = jp.Rod(STEEL, stiffness)
         left = jp.Storeys((1.0, 0.8), (jp.Rod(STEEL, 12.0), upper))
@@ -161,7 +160,9 @@ def test_elasticities_by_a_damper_and_a_storey_of_a_row():
     gap, *gaps = mean(*(np.array([0.03, 12.0]) * (1 + h)).T)
     assert found.value == pytest.approx(float(gap))
     slopes = np.subtract(gaps[::2], gaps[1::2]) / 2e-5 / abs(found.value)
-    for path, slope in zip(("links.0.friction", "buildings.0.rods.1.stiffness"), slopes, strict=True):
+    for path, slope in zip(
+        ("links.0.friction", "buildings.0.rods.1.stiffness"), slopes, strict=True
+    ):
         assert found.values[path] == pytest.approx(slope, rel=1e-4)
     assert {"buildings.1.rods.0.stiffness", "links.0.gap"} <= {*found.values}
 
