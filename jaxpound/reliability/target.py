@@ -146,7 +146,7 @@ def reach_probability(
         if not math.isfinite(event.cov) or event.probability == 1:
             rule = f"must lead to a probability that can be estimated: {'; '.join(event.warnings)}"
             raise InvalidInput(OWNER, path, f"{value:.6g}", rule)
-        slope = event.slope(path)
+        slope = event.slopes_by([path])[path]  # by all parameters it takes longer to compile
         steps.append(TargetStep(value, event.probability, event.cov, slope))
         missing = math.log(probability / event.probability)
         if abs(missing) <= math.log1p(tolerance) - tolerance / 4:

@@ -8,6 +8,8 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from jaxpound.cli import main as cli
@@ -25,6 +27,14 @@ def run(*arguments: object) -> str:
     folder = "--store" if command == "montecarlo" else "--out"
     compare_folder(command, Path(options[options.index(folder) + 1]))
     return screen.getvalue()
+
+
+@contextlib.contextmanager
+def unrendered():
+    """Figures are drawn, but laying them out and rendering them would take longer than a run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", lambda figure, file, **how: file.write(b"a picture"))
+        yield
 
 
 def is_figure(path: Path) -> bool:

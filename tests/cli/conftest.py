@@ -7,13 +7,20 @@ import pytest
 
 from jaxpound.cli import structures
 from jaxpound.cli.files import example
-from tests.cli.commands import PULSE, changed, run
+from tests.cli.commands import PULSE, changed, run, unrendered
 
 
 @pytest.fixture(autouse=True)
 def without_notes(monkeypatch) -> None:
     """No note on compilation: whether there is one depends on the machine."""
     monkeypatch.setattr(structures, "AFTER", 600.0)
+
+
+@pytest.fixture
+def without_pictures():
+    """For tests of commands whose figures other tests look at."""
+    with unrendered():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -70,6 +70,7 @@ def test_the_capacities_are_the_library_s(done, folder):
     np.testing.assert_allclose(answers["fractiles"]["0.5"], np.median(found.demands, axis=0))
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
 def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
     out, store = folder / "again", folder / "store"

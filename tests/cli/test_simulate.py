@@ -153,6 +153,7 @@ def test_without_damper_and_with_a_small_gap_the_buildings_pound(pulse, write, t
 KELVIN = '[contact] ; law = "kelvin-voigt" ; stiffness = 1.6e9 ; restitution = 0.65'
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_with_a_law_of_contact_the_impacts_are_told(pulse, write, tmp_path):
     path, out = write(f"{NEAR} & {KELVIN}"), tmp_path / "out"
     screen = run("simulate", "--record", pulse, "--config", path, "--out", out)
@@ -189,6 +190,7 @@ def test_with_a_law_of_contact_the_impacts_are_told(pulse, write, tmp_path):
     assert re.search(rf" {told['n_impacts']:.0f} +- +{impulse} ", "\n".join(lines(answers)))
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_units_and_dt_of_a_bare_record(write, tmp_path, capsys):
     record, out = tmp_path / "gal.txt", tmp_path / "out"
     np.savetxt(record, PULSE * 980.665)
@@ -196,13 +198,16 @@ def test_units_and_dt_of_a_bare_record(write, tmp_path, capsys):
     line = refusal(capsys, "simulate", *bare)
     assert re.search(r"gal.txt:\d+: acceleration = \S+ g must be at most 20 g: are the units", line)
     assert not out.exists()
-    path = write('series = "none" & duration = 0.5 & dt = 0.02')
-    run("simulate", *bare, "--units", "gal", "--config", path)
+    run("simulate", *bare, "--units", "gal", "--config", write('series = "none"'))
     answers = summary(out)
     assert answers["record"]["pga_g"] == pytest.approx(np.abs(PULSE).max(), rel=1e-6)
-    assert answers["run"]["steps"] == 25
-    assert answers["run"]["dt_s"] == pytest.approx(0.02)
+    assert answers["run"]["steps"] == 200
+    assert answers["run"]["dt_s"] == pytest.approx(0.01)
     assert not list(out.glob("series.*"))
+    file, configuration = read(write("duration = 0.5 & dt = 0.02"))
+    grid = simulate.grid(file, configuration, jp.Record(PULSE, 0.02))
+    assert grid.n_steps == 25
+    assert grid.dt * float(configuration.scales.time) == pytest.approx(0.02)
 
 
 # --- configuration ------------------------------------------------------------------------------
@@ -288,6 +293,7 @@ def test_a_truncated_record(el_centro, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(
     ("changes", "finding"),
     [

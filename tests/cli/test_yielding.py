@@ -33,6 +33,12 @@ yield_drift = 0.004
 hardening = 0.05
 ultimate_displacement = 0.03
 """
+ALONE = """[[building]]
+storeys = {number = 1, mass = 400e3, period = 0.6, damping_ratio = 0.05}
+yield_drift = 0.004
+hardening = 0.05
+ultimate_displacement = 0.03
+"""
 COLLAPSE = 0.03 / (0.004 * 3.0)  # the ductility at which building 1 collapses
 NOISE = '[earthquakes]\nfilter = "kanai-tajimi"\nfrequency = 1.5\ndamping = 0.6\n'
 NOISE += "acceleration = 0.06\nduration = 2.0\ndt = 0.05\n[run]\ndt = 0.02\n"
@@ -112,6 +118,7 @@ test_faults = refusals(
 )
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytree_dataclass
 class OwnLaw(jp.Bilinear):
     """A law that files do not have."""
@@ -122,7 +129,8 @@ test_laws_of_no_file = refusals((keys_of, OWN, "hysteresis must be by a law of a
 
 
 def test_simulate_says_what_the_library_does(pulse, tmp_path):
-    out = folder_of_run(tmp_path, "simulate", "[run]\nduration = 1.6\n", pulse)
+    text = f"{PAIR}[run]\nduration = 1.6\n"
+    out = folder_of_run(tmp_path, "simulate", text, pulse)
     si = layout_of(PAIR).si
     demand = jp.simulate_row(si.buildings, si.links, jp.read_record(pulse), duration=1.6).demand
     left, right = summary(out)["results"]["buildings"]
@@ -135,38 +143,40 @@ def test_simulate_says_what_the_library_does(pulse, tmp_path):
     assert right["yielding"] == []
 
 
-def folder_of_run(folder, command, more, record=""):
-    """The folder of a command with these buildings."""
+def folder_of_run(folder, command, text, record=""):
+    """The folder of a command with this configuration."""
     path = folder / "config.toml"
-    path.write_text(PAIR + more)
+    path.write_text(text)
     run(*command_for(command, path, record, folder / command))
     return folder / command
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
 def test_a_building_collapses_at_the_ductility_of_collapse(tmp_path):
     (tmp_path / "records").mkdir()
     (tmp_path / "records" / "a.AT2").write_text(at2(SUITE[0].samples, SUITE[0].dt))
     ladder = '[suite]\nfolder = "records"\n[ida]\nintensities = [0.1, 0.4]\n'
-    study = jp.Study.open(folder_of_run(tmp_path, "montecarlo", f"{NOISE}[study]\nsamples = 64\n"))
+    text = f"{PAIR}{NOISE}[study]\nsamples = 64\n"  # a study is of gaps
+    study = jp.Study.open(folder_of_run(tmp_path, "montecarlo", text))
     answers = []
     for demand, threshold in (("ductility", COLLAPSE), ("collapsed", 1)):
         limit = f'demand = "{demand}"\nthreshold = {threshold}\n'
-        probability = summary(folder_of_run(tmp_path, "rare", f"{NOISE}[limit]\n{limit}"))[
-            "probability"
-        ]
-        capacities = summary(folder_of_run(tmp_path, "ida", ladder + limit))["capacities"]
+        text = f"{ALONE}{NOISE}[limit]\n{limit}"
+        probability = summary(folder_of_run(tmp_path, "rare", text))["probability"]
+        capacities = summary(folder_of_run(tmp_path, "ida", ALONE + ladder + limit))["capacities"]
         median = study.fragility("pga", demand=demand, threshold=threshold).median
         answers.append([probability, median, capacities["a"]])
     assert answers[0] == pytest.approx(answers[1], rel=0.01)  # of capacities, which are bisected
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_design_may_choose_the_strength(tmp_path, monkeypatch):
     monkeypatch.setattr(jp, "elasticities", no_elasticities)
     search = "[search]\nearthquakes = 2\nfresh = 2\nstarts = 1\niterations = 2\n[limits]\n"
     goal = 'residual_drift = 1.0\n[objective]\ngoal = "least demand"\ndemand = "ductility"\n'
     variables = f"[variables]\n{STRENGTH} = {{low = 0.5, high = 2.0}}\n"
-    out = folder_of_run(tmp_path, "design", f"{NOISE}{search}{goal}{variables}")
+    out = folder_of_run(tmp_path, "design", f"{ALONE}{NOISE}{search}{goal}{variables}")
     assert summary(out)["answer"][0]["quantity"] == "building 1, storey 1, yield displacement"
     designed = layout_of((out / "buildings.toml").read_text()).buildings[0].storeys[0]
     assert float(designed.hysteresis.yield_displacement) == pytest.approx(0.024)  # its bound

@@ -33,7 +33,8 @@ def test_demands_of_linear_buildings_are_proportional_and_capacities_those_of_si
     # Of buildings in SI units, by itself: the record scaled by its factor just closes the gap.
     record = SUITE.scaled(linear.factors)[0]
     dt = float(SUITE[1].dt)  # the shortest of the suite is that of the common grid
-    single = jp.simulate_buildings(LEFT, RIGHT, record, friction_force=0.0, gap=GAP, dt=dt)
+    pair = jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, gap=GAP),))
+    single = jp.demand(pair, record, jp.TimeGrid.until(float(record.duration), dt))
     assert float(single.min_gap) == pytest.approx(0, abs=1e-6 * GAP)
 
 

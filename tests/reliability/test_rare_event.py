@@ -111,8 +111,9 @@ def test_ways_to_the_limit_state_are_found():
 
 
 def test_samples_depend_on_key_and_number_alone_and_all_runs_count(events):
-    for most, runs in ((10, 768), (1100, 1024)):
-        event = event_of(case_w.state(0.47), cov=0.01, max_runs=most, progress=False)
+    for most, runs in ((10, 512), (1100, 1024)):
+        options = {"start": events[0.27], "cov": 0.01, "max_runs": most, "progress": False}
+        event = event_of(case_w.state(0.47), **options)
         assert event.runs == runs
         assert f"raise max_runs = {most:,}" in event.warnings[0]
     event = events[0.47]
@@ -153,8 +154,9 @@ def test_design_earthquakes_close_the_gap(events):
     assert np.asarray(first.ground.samples) == pytest.approx(case_w.MATRIX @ first.z)
 
 
-def test_the_slope_of_a_probability_of_a_millionth():
-    event = event_of(case_w.state(0.645), key=3, cov=0.05, progress=False)
+def test_the_slope_of_a_probability_of_a_millionth(events):
+    options = {"key": 3, "start": events[0.645], "cov": 0.05, "progress": False}
+    event = event_of(case_w.state(0.645), **options)
     slope = event.slope("friction")
     assert abs(slope.value - case_w.SLOPE) < 3 * np.hypot(slope.error, 0.03 * case_w.SLOPE)
     assert slope.error < 0.12 * abs(slope.value)
@@ -236,11 +238,12 @@ def drawn(factor):
 
 FEW, STILL = drawn(1), drawn(0)
 
-STATE = jp.LimitState(FEW, SHORT, threshold=0.3)
+FRICTION = {"friction": jp.paper.structures().friction}
+STATE = jp.LimitState(FEW, SHORT, threshold=0.3, changes=FRICTION)
 
 
 def few(gap, method="design points", **options):
-    """The event of a gap; all share their programs."""
+    """The event of a gap; all share their programs, also with searches for a friction."""
     state = dataclasses.replace(STATE, threshold=gap)
     return event_of(state, method=method, progress=False, **options)
 
