@@ -154,7 +154,7 @@ def derivatives(dt=0.005):
     """Largest errors of derivatives of rows and storeys, as shares of the largest derivative."""
     for name in oracle.GROUPS:
         grid = jp.TimeGrid.until(20.0, dt=dt)
-        ((found, known),) = oracle.derivatives_of_groups([oracle.CASES[name]], grid)
+        ((found, known, _),) = oracle.derivatives_of_groups([oracle.CASES[name]], grid)
         errors = np.abs(found - known) / np.abs(known).max(0)
         print(f"{name:24} h = {dt}: worst {errors.max():.1e}, median {np.median(errors):.1e}")
 

@@ -11,6 +11,7 @@ import jaxpound as jp
 from jaxpound.design.problem import DesignProblem
 from jaxpound.ground.run_input import as_run
 from jaxpound.study.gaps import double_difference_correlation
+from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.model.test_system import KnownCushion
 from tests.refusals import refusals, refused
 
@@ -265,13 +266,11 @@ def test_tables_are_in_si_and_wavelets_hardly_in_metres_doubted():
     refused(says, jp.sobol_sensitivity, scenarios, grid, n=2, strict=True)
 
 
-def test_modes_are_in_radians_per_second_and_growth_takes_records_in_seconds():
+def test_modes_are_in_radians_per_second():
+    """Growth takes records in seconds: ``test_divergence.py``."""
     modes, (row, scales) = jp.modes(PAIR), PAIR.dimensionless()
     assert "frequency (rad/s)  period (s)" in str(modes)
     np.testing.assert_allclose(modes.frequencies, jp.modes(row).frequencies * scales.frequency)
-    stop = jp.FloorLink(0, 0, next_building=jp.GROUND, gap=0.02, contact=jp.Newton(0.65))
-    growth = jp.growth(jp.Buildings((LEFT,), (stop,)), RECORD, GRID)
-    assert np.isfinite(float(growth.end))
 
 
 def test_units_that_are_hardly_meant_are_warned_of():

@@ -17,6 +17,8 @@ from hypothesis import strategies as st
 from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
+from jaxpound.simulation import state
+from tests.layout import WRITTEN_OUT, steps_in_a_loop  # noqa: F401
 from tests.made import SCALARS
 from tests.reference import convergence_order, paper_gradient
 from tests.simulation.pairs import in_unit_of_time
@@ -142,7 +144,7 @@ def test_both_modes_are_finite_and_adjoint_in_every_corner(case):
     assert error[sure].max() < 1e-9
 
 
-def test_forward_equals_reverse_and_batches_single_gradients():
+def test_forward_equals_reverse_and_batches_single_gradients(monkeypatch):
     for x in neighbours(3):
         _, ahead = jacobian(x)
         every = np.eye(len(NAMES))
@@ -150,7 +152,10 @@ def test_forward_equals_reverse_and_batches_single_gradients():
         largest = np.abs(ahead).max(axis=1, keepdims=True)
         assert (np.abs(ahead - back) <= 1e-9 * np.abs(ahead) + 1e-13 * largest).all()
         assert ((largest > 0).ravel() == [name != "pounds" for name in NAMES]).all()
-    slope = jax.jit(jax.grad(lambda s, ground: jp.demand(s, ground, GRID).min_gap))
+    # Single gradients with checkpoints, and with steps that are written out.
+    monkeypatch.setattr(state, "WRITTEN_OUT", WRITTEN_OUT)
+    only, checked = ("min_gap",), dataclasses.replace(SCHEME, checkpoint=True)
+    slope = jax.jit(jax.grad(lambda *case: jp.demand(*case, GRID, checked, only=only).min_gap))
     # In three corners: the paper's rods, those without friction, and nothing but the gap left.
     for x in np.stack([*corners()])[[0, 24, 47]]:
         alone = slope(*recorded(x))
@@ -290,17 +295,20 @@ def test_smoothed_friction_s_gradient_tends_to_that_of_coulomb_s_law():
 
 
 def test_checkpoints_save_the_memory_of_reverse_mode_and_change_no_derivative():
-    """Temporary memory of the compiled gradient: states of about √N instants in place of N."""
+    """Temporary memory of the compiled gradient: states of about √N instants in place of N.
+
+    Derivatives through stick and slip: the test of single gradients.
+    """
     rod = jp.Rod(jp.paper.structures().rod_2, 1.0, (0, jp.GROUND))
-    block = jp.System((1.0,), (rod,), (jp.Link((0, jp.GROUND), 0.25, 1.0),))
+    block = jp.System((1.0,), (rod,))
     grid, memory, slopes = jp.TimeGrid(0.00125, 16_000), [], []
     for checkpoint in (True, False):
         scheme = jp.Scheme(checkpoint=checkpoint)
 
-        def gap(system, scheme=scheme):
-            return jp.demand(system, jp.paper.ground(), grid, scheme, only=("min_gap",)).min_gap
+        def peak(system, scheme=scheme):
+            return jp.demand(system, jp.paper.ground(), grid, scheme, only=("peak_x1",)).peak_x1
 
-        compiled = jax.jit(jax.grad(gap)).lower(block).compile()
+        compiled = jax.jit(jax.grad(peak)).lower(block).compile()
         memory.append(compiled.memory_analysis().temp_size_in_bytes)
         slopes.append(compiled(block))
     # √N of N, with a factor for what a segment holds (benchmarks/batches.py has more lengths).

@@ -86,7 +86,7 @@ class LinkResponse:
     """Slip force of the damper, a number, in fast slip; 0 where the link has none."""
     inertia: Any = quantity("force", column="inertia", default=None)
     """Force of the inerter, positive as the friction is. None for a link without one."""
-    inertance: Any = quantity("mass", default=0.0)
+    inertance: Any = quantity("mass", default=None)
     """Inertance, a number."""
 
     @property

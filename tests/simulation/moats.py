@@ -22,7 +22,7 @@ GRID = jp.TimeGrid(STEPS[0], round(END / STEPS[-1]))
 def numbers_of(case):
     """Numbers of a case that are not places, in the order of its leaves."""
     leaves = jax.tree.leaves(_system(case))
-    return jnp.array([x for x in leaves if isinstance(x, float)])
+    return np.array([x for x in leaves if isinstance(x, float)])
 
 
 def with_numbers(case, numbers):
@@ -209,7 +209,7 @@ def check_mirror(name):
     case = CASES[name]
     link, numbers = case["link"], numbers_of(case)
     swapped = case | {"link": {**link, "gap": link["gap"][::-1], "faces": link["faces"][::-1]}}
-    still = jnp.zeros_like(numbers)
+    still = np.zeros_like(numbers)
     ours = program(name)(numbers, still, 1.0, ground_of(case))[2]
     mirrored = program(name)(numbers_of(swapped), still, 1.0, ground_of(case, sign=-1.0))[2]
     assert ours.demand.n_impacts_1 >= 4

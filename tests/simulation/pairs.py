@@ -16,8 +16,9 @@ GRID = jp.TimeGrid(0.02, 3200)
 SHAKING = jp.Ricker(0.4, [1.25, 2.0, 3.5], [2.5, 3.5, 6.0])
 LANES = 16
 WAVELETS = 36
-FORCES = tuple(name for name in LAWS if name not in ("newton", "kelvin"))
-"""The laws whose force does not pull: they share a program."""
+FORCES = ("kelvin_clip", "hertz", "hertzdamp_exact", "jankowski")
+"""Laws whose force does not pull, of which those after Hertz with a damping in proportion to the
+speed differ in its factor alone: they share a program."""
 DIFFERENTIATED = ("kelvin_clip", "jankowski")
 """Those of them that share a program with derivatives."""
 

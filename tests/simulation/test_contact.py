@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -61,25 +62,28 @@ def ground_of(case):
 
 
 def run(case, dt):
-    """Of a case whose pair has a force that does not pull, in the form that shares a program."""
-    system, link = system_of(case), case["system"]["links"][0]
-    if isinstance(system, jp.AdjacentStructures) and link["law"] in WITHOUT_PULL:
-        laws = tuple(LAWS[name](link["k"], link["e"]) for name in WITHOUT_PULL)
-        one = OneOf(float(WITHOUT_PULL.index(link["law"])), laws)
-        system = dataclasses.replace(system, contact=one)
-    return jp.simulate(system, padded(ground_of(case), 5), jp.TimeGrid.until(case["T"], dt=dt))
+    """Of a case, at a step."""
+    ground = padded(ground_of(case), 5)
+    return jp.simulate(system_of(case), ground, jp.TimeGrid.until(case["T"], dt=dt))
+
+
+def shared_run(name):
+    """A case's run and its step, by a program that other tests need too if there is one."""
+    case = CASES[name]
+    for laws in (("newton",), WITHOUT_PULL):
+        if name in PAIRS and law_name(case) in laws:
+            return runs_of_pairs(laws)[name][STEPS[-1]].response, STEPS[-1]
+    if name in ROWS:
+        return runs_of_rows()[name][-1], ROW_GRID.dt
+    return run(case, 0.01), 0.01
 
 
 def errors(case, response, dt):
     """Of the displacements at the reference's instants, as far as it is good."""
-    return errors_of_displacements(case, [mass.x for mass in response.masses], dt)
-
-
-def errors_of_displacements(case, x, dt):
-    """Of displacements x, one series for each mass."""
     at = np.round(np.array(case["t"]) / dt).astype(int)
     good = np.array(case["t"]) <= case["good_until"]
-    return np.abs(np.asarray(x)[:, at] - np.array(case["x"]))[:, good]
+    x = np.stack([mass.x for mass in response.masses])
+    return np.abs(x[:, at] - np.array(case["x"]))[:, good]
 
 
 def check(case, response, dt, times=3e-4, speeds=1.5e-3):
@@ -116,7 +120,7 @@ def test_runs_are_those_of_the_reference(name):
     After many impacts of a group their times and speeds depend strongly on all before.
     """
     within = {"times": 8e-3, "speeds": 8e-3} if name in GROUPS else {}
-    check(CASES[name], run(CASES[name], 0.01), 0.01, **within)
+    check(CASES[name], *shared_run(name), **within)
 
 
 def moved(system, name, by):
@@ -134,7 +138,8 @@ def moved(system, name, by):
 def derivatives_of_groups(cases, grid):
     """Of peaks and ends by all parameters at the step of ``grid``, and those of the reference.
 
-    Of each case an array (parameters, results); cases of one kind of law share a program.
+    Of each case an array (parameters, results), and the run; cases of one kind of law share a
+    program.
     """
     names, of = [*cases[0]["derivatives"]], cases[0]["derivatives_of"]
     peak = "peak_contact" if of[0] == "peak_force[0]" else "peak_impulse"
@@ -142,25 +147,37 @@ def derivatives_of_groups(cases, grid):
     def outputs(system, ground):
         found = jp.simulate(system, ground, grid)
         peaks = [getattr(link, peak) for link in found.demand.links]
-        return jnp.stack([*peaks, *(mass.x[-1] for mass in found.masses)])
+        return jnp.stack([*peaks, *(mass.x[-1] for mass in found.masses)]), found
 
     @jax.jit
     def slopes(system, ground):
         ways = [jax.jvp(lambda d, x=x: moved(system, x, d), (0.0,), (1.0,))[1] for x in names]
         along = jax.tree.map(lambda *x: jnp.stack(x), *ways)
-        return jax.vmap(lambda t: jax.jvp(lambda s: outputs(s, ground), (system,), (t,))[1])(along)
+        run = functools.partial(outputs, ground=ground)
+        push = functools.partial(jax.jvp, run, (system,), has_aux=True)
+        return jax.vmap(lambda t: push((t,))[1:], out_axes=(0, None))(along)
 
     results = [j for j, name in enumerate(of) if not name.startswith("max_x")]
     for case in cases:
         known = [np.array(case["derivatives"][name]["value"])[results] for name in names]
-        yield np.asarray(slopes(floats(system_of(case)), ground_of(case))), np.array(known)
+        found, response = jax.device_get(slopes(floats(system_of(case)), ground_of(case)))
+        yield found, np.array(known), response
+
+
+ROWS = [name for name in GROUPS if name.startswith("row3") and law_name(CASES[name]) == "kelvin"]
+ROW_GRID = jp.TimeGrid.until(20.0, dt=0.005)
+
+
+@functools.cache
+def runs_of_rows():
+    """By name: derivatives of a row, those of the reference, and the run."""
+    each = derivatives_of_groups([CASES[name] for name in ROWS], ROW_GRID)
+    return dict(zip(ROWS, each, strict=True))
 
 
 def test_derivatives_of_rows_are_those_of_the_reference():
     """At h = .005, with Kelvin's law; the others: ``benchmarks/storeys.py --derivatives``."""
-    cases = [CASES[name] for name in GROUPS if name.startswith("row3")]
-    cases = [case for case in cases if case["system"]["links"][0]["law"] == "kelvin"]
-    for found, known in derivatives_of_groups(cases, jp.TimeGrid.until(20.0, dt=0.005)):
+    for found, known, _ in runs_of_rows().values():
         largest = np.abs(known).max(0)
         assert (np.abs(found - known) <= np.maximum(0.01 * np.abs(known), 1e-3 * largest)).all()
 
@@ -175,44 +192,68 @@ def numbers(case):
     return {name: float(x) for name, x in (rods | own).items()}
 
 
+def pair_of(by, law):
+    """A pair of these numbers."""
+    return jp.AdjacentStructures(
+        jp.ZenerRod(by["al"], by["tfa"], by["txa"]),
+        jp.ZenerRod(by["be"], by["tfb"], by["txb"]),
+        *(by[name] for name in ("rho", "eps", "mu", "gap0")),
+        law,
+    )
+
+
 STEPS = (0.02, 0.01, 0.005)
 SMOOTH = "paper_gap0.5_kelvin_clip_k1000"
 CONVERGING = {"random1_newton": ("newton",), "paper_gap0.2_kelvin_clip_k1000": WITHOUT_PULL}
 
 
-@functools.cache
-def runs_of_pairs(laws):
-    """Of all pairs of these laws at the last step, and of those that converge at all, by name.
+GRID = jp.TimeGrid(STEPS[0], round(20.0 / STEPS[-1]))
 
-    By step the displacements, and the derivatives of peak force or impulse and of the ends by all
-    parameters. One program takes all, each in a unit of time in which its step is the grid's own.
+
+class PairRun(NamedTuple):
+    """Peak force or impulse and the ends, their derivatives by all parameters, and the run."""
+
+    results: np.ndarray
+    slopes: dict[str, np.ndarray]
+    response: jp.Response
+
+
+@functools.cache
+def program_of_pairs(laws):
+    """Derivatives of the results of a pair by its numbers, the results, and the run.
+
+    One program takes all pairs of these laws, each in a unit of time in which its step is that of
+    ``GRID``.
     """
     peak, power = ("peak_impulse", 1) if laws == ("newton",) else ("peak_contact", 2)
-    grid = jp.TimeGrid(STEPS[0], round(20.0 / STEPS[-1]))
 
-    def outputs(differentiated, which, unit, ground):
-        p = differentiated
-        law = OneOf(which, tuple(LAWS[name](p["k"], p["e"]) for name in laws))
-        structures = jp.AdjacentStructures(
-            jp.ZenerRod(p["al"], p["tfa"], p["txa"]),
-            jp.ZenerRod(p["be"], p["tfb"], p["txb"]),
-            *(p[x] for x in ("rho", "eps", "mu", "gap0")),
-            law if len(laws) > 1 else law.laws[0],
-        )
-        response = jp.simulate(*in_unit_of_time(unit, structures.system(), ground), grid)
+    def outputs(by, which, unit, ground):
+        law = OneOf(which, tuple(LAWS[name](by["k"], by["e"]) for name in laws))
+        structures = pair_of(by, law if len(laws) > 1 else law.laws[0])
+        response = jp.simulate(*in_unit_of_time(unit, structures.system(), ground), GRID)
         x = jnp.stack([mass.x for mass in response.masses])
         highest = getattr(response.demand.links[0], peak) / unit**power
-        return jnp.stack([highest, *x[:, jnp.round(20.0 / (grid.dt * unit)).astype(int)]]), x
+        ends = x[:, jnp.round(20.0 / (GRID.dt * unit)).astype(int)]
+        results = jnp.stack([highest, *ends])
+        return results, (results, response)
 
-    slopes_and_x = jax.jit(jax.jacfwd(outputs, has_aux=True))
-    runs = {}
+    return jax.jit(jax.jacfwd(outputs, has_aux=True))
+
+
+@functools.cache
+def runs_of_pairs(laws):
+    """Of all pairs of these laws at the last step, and of those that converge at all, by name."""
+    program, runs = program_of_pairs(laws), {}
     for name in PAIRS:
         if (law := law_name(CASES[name])) in laws:
             by, ground = numbers(CASES[name]), padded(ground_of(CASES[name]), 5)
             runs[name] = {}
             for dt in STEPS if name in (*CONVERGING, SMOOTH) else STEPS[-1:]:
-                how = float(laws.index(law)), dt / grid.dt, ground
-                runs[name][dt] = jax.device_get(slopes_and_x(by, *how))[::-1]
+                unit = dt / GRID.dt
+                how = float(laws.index(law)), unit, ground
+                slopes, (results, response) = jax.device_get(program(by, *how))
+                response = jp.Scales(1.0, 1 / unit, unit**-2.0).to_si(response)
+                runs[name][dt] = PairRun(results, slopes, response)
     return runs
 
 
@@ -221,13 +262,13 @@ def slopes_of(name, run, fields):
     case = CASES[name]
     results = [j for j, x in enumerate(case["derivatives_of"]) if not x.startswith("max_x")]
     reference = [np.array(case["derivatives"][x]["value"])[results] for x in fields]
-    return np.array([run[1][x] for x in fields]), np.array(reference)
+    return np.array([run.slopes[x] for x in fields]), np.array(reference)
 
 
 @pytest.mark.parametrize("name", CONVERGING)
 def test_order_of_convergence_is_two(name):
     runs = runs_of_pairs(CONVERGING[name])[name]
-    differences = [errors_of_displacements(CASES[name], runs[dt][0], dt) for dt in STEPS]
+    differences = [errors(CASES[name], runs[dt].response, dt) for dt in STEPS]
     rms = [np.sqrt((x**2).mean()) for x in differences]
     orders = np.log2(np.array(rms[:-1]) / rms[1:])
     assert (np.abs(orders - 2) < 0.25).all(), orders
@@ -261,57 +302,57 @@ def test_derivatives_converge_at_second_order():
     assert convergence_order(STEPS, np.array(errors)[:, 0]) > 1.6, orders
 
 
-SHORT = jp.TimeGrid.until(6.0, dt=0.05)
-KELVIN = jp.KelvinVoigt(1000.0, 0.65, tension=True)
+SHORT, NEWTON = jp.TimeGrid.until(6.0, dt=0.05), jp.Newton(0.65)
 
 
-def struck(law, gap=0.3, **changes):
-    return dataclasses.replace(jp.paper.structures(), initial_gap=gap, contact=law, **changes)
+def struck(gap=0.3):
+    return dataclasses.replace(jp.paper.structures(), initial_gap=gap, contact=NEWTON)
 
 
 def floats(structures, dtype=float):
     return jax.tree.map(lambda x: jnp.asarray(x, dtype), structures)
 
 
-def short(structures):
-    return jp.demand(floats(structures), jp.paper.ground(), SHORT)
-
-
-def test_single_precision_stays_single():
-    structures, ground = floats(struck(KELVIN), jnp.float32), floats(jp.paper.ground(), jnp.float32)
+def test_jit_is_eager_and_single_precision_stays_single():
+    name = "paper_gap0.5_newton_e0.65"
+    case, forward = CASES[name], program_of_pairs(("newton",))
+    inputs = system_of(case), padded(ground_of(case), 5)
+    double = jp.demand(*floats(inputs), GRID)
+    _, (_, compiled) = forward(numbers(case), 0.0, 1.0, inputs[1])
+    for one, other in zip(*map(jax.tree.leaves, (double, compiled.demand)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-12)
     with pytest.warns(jp.PlausibilityWarning, match="contact is run in float32"):
-        found = jp.demand(structures, ground, SHORT)
-    assert found.peak_contact.dtype == jnp.float32
-    assert found.peak_contact == pytest.approx(float(short(struck(KELVIN)).peak_contact), rel=1e-3)
+        single = jp.demand(*floats(inputs, jnp.float32), GRID)
+    assert single.peak_impulse.dtype == jnp.float32
+    assert single.peak_impulse == pytest.approx(float(double.peak_impulse), rel=1e-3)
 
 
-def test_reverse_mode_is_forward_mode_a_batch_is_a_loop_and_jit_is_eager():
-    batch = jax.vmap(lambda gap: floats(struck(KELVIN, gap)))(jnp.array([0.2, 0.4, 2.0]))
+def test_reverse_mode_is_forward_mode_and_a_batch_is_a_loop():
+    """Of the largest impulse by all parameters; of a law with a force: ``test_faces.py``."""
+    case, forward = CASES["paper_gap0.5_newton_e0.65"], program_of_pairs(("newton",))
+    ground, every = padded(ground_of(case), 5), [numbers(case) | {"gap0": x} for x in (0.2, 2.0)]
 
-    def value(structures):
-        demand = short(structures)
-        return demand.peak_x1 + demand.contact_work, demand
+    def impulse(by):
+        only = ("peak_impulse",)
+        return jp.demand(pair_of(by, jp.Newton(by["e"])), ground, GRID, only=only).peak_impulse
 
-    values_and_gradients = jax.jit(jax.vmap(jax.value_and_grad(value, has_aux=True)))
-    (values, _), gradients = values_and_gradients(batch)
-    single = jax.tree.map(lambda x: x[1], batch)
-    ones = jax.tree.map(jnp.ones_like, single)
-    forward = jax.jit(lambda s, t: jax.jvp(value, (s,), (t,), has_aux=True))
-    alone, slope, compiled = forward(single, ones)
-    assert values[1] == pytest.approx(float(alone), rel=1e-12)
-    total = sum(float(leaf[1]) for leaf in jax.tree.leaves(gradients))
-    assert total == pytest.approx(float(slope), rel=1e-9)
-    for one, other in zip(jax.tree.leaves(compiled), jax.tree.leaves(short(single)), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
+    backwards = jax.jit(jax.vmap(jax.value_and_grad(impulse)))
+    batch = jax.tree.map(lambda *x: np.stack(x), *every)
+    for lane, by in enumerate(every):
+        slopes, ((expected, *_), _) = jax.device_get(forward(by, 0.0, 1.0, ground))
+        value, gradient = jax.tree.map(lambda x, i=lane: x[i], jax.device_get(backwards(batch)))
+        assert value == pytest.approx(float(expected), rel=1e-12)
+        rounding = 1e-9 * max(abs(slope[0]) for slope in slopes.values())
+        assert gradient == pytest.approx({x: float(y[0]) for x, y in slopes.items()}, abs=rounding)
+    assert value == 0
 
 
 def test_smoothed_friction_and_second_derivatives_are_refused():
-    newton, smoothed = jp.Newton(0.5), jp.Scheme(jp.Smoothed(0.1))
-    pair = struck(newton), jp.paper.ground()
-    refused("scheme: friction = Smoothed", jp.demand, *pair, SHORT, smoothed)
+    smoothed = jp.Scheme(jp.Smoothed(0.1))
+    refused("scheme: friction = Smoothed", jp.demand, struck(), jp.paper.ground(), SHORT, smoothed)
 
     def by_gap(gap):
-        return jp.demand(struck(newton, gap), jp.paper.ground(), SHORT).peak_x1
+        return jp.demand(struck(gap), jp.paper.ground(), SHORT, only=("peak_x1",)).peak_x1
 
     with pytest.raises(NotImplementedError, match="second derivatives"):
-        jax.hessian(by_gap)(0.3)
+        jax.jacfwd(jax.grad(by_gap))(0.3)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -102,35 +103,42 @@ def test_growth_and_errors_are_those_of_an_independent_reference(sensitive):
         assert errors.max() > 0.1
 
 
-STEEL, LAW = jp.ZenerRod(0.5, 0.01, 0.05), jp.Newton(0.6)
-ROW = jp.System(
-    masses=(1.0, 1.0, 1.0),
-    rods=tuple(jp.Rod(STEEL, k, (i, jp.GROUND)) for i, k in enumerate((1.0, 2.0, 0.5))),
-    links=tuple(jp.Link(ends, gap=0.1, contact=LAW) for ends in ((0, 1), (1, 2))),
+T = 0.02 * np.arange(400)
+RECORD = jp.Record(0.2 * np.sin(7 * T) * np.exp(-((T - 3) ** 2)), 0.02, "burst")
+LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
+RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+ROW = jp.Buildings(
+    (LEFT, RIGHT),
+    (
+        jp.FloorLink(0, 0, gap=0.02, contact=jp.Newton(0.6)),
+        jp.FloorLink(1, 0, next_building=jp.GROUND, gap=0.02, contact=jp.Newton(0.6)),
+    ),
 )
 
 
-def test_of_several_links_it_is_the_largest_singular_value():
-    ground, grid, step = jp.paper.ground(), jp.TimeGrid.until(8.0, 0.05), 1e-6
+def test_of_several_links_it_is_the_largest_singular_value_in_si_too():
+    grid, step = jp.TimeGrid.until(6.0, 0.02), 1e-8
+
+    def shaking(t):  # the samples that growth takes of a record
+        return jp.STANDARD_GRAVITY * RECORD.acceleration(t)
 
     @jax.jit
-    def run(gaps):
-        links = tuple(replace(link, gap=gap) for link, gap in zip(ROW.links, gaps, strict=True))
-        return jp.simulate(replace(ROW, links=links), ground, grid).masses
-
     def end(gaps):
-        masses = run(gaps)
-        return np.array([mass.x[-1] for mass in masses] + [mass.v[-1] for mass in masses])
+        links = tuple(replace(link, gap=gap) for link, gap in zip(ROW.links, gaps, strict=True))
+        masses = jp.simulate(replace(ROW, links=links), shaking, grid).masses
+        return jnp.stack([mass.x[-1] for mass in masses] + [mass.v[-1] for mass in masses])
 
-    by_gap = [(end(0.1 + change) - end(0.1 - change)) / (2 * step) for change in step * np.eye(2)]
+    ends = [[end(0.02 + sign * change) for sign in (1, -1)] for change in step * np.eye(2)]
+    by_gap = [np.subtract(*pair) / (2 * step) for pair in ends]
     largest = np.linalg.svd(np.stack(by_gap, -1), compute_uv=False)[0]
-    growth_end = jax.jit(lambda row: jp.growth(row, ground, grid).end)
+    assert np.linalg.norm(by_gap, axis=1).min() > 1e-3 * largest > 0  # both gaps close
+    growth_end = jax.jit(lambda row: jp.growth(row, RECORD, grid).end)
     assert float(growth_end(ROW)) == pytest.approx(largest, rel=1e-5)
 
 
 def test_what_cannot_grow_is_refused():
     ground, pair = jp.paper.ground(), jp.paper.structures()
     refused("growth: structures must have a link with a law of", jp.growth, pair, ground, GRID)
-    refused("stability limit", jp.growth, ROW, ground, jp.TimeGrid(2.0, 10))
-    made = jp.Growth(*jax.numpy.ones((3, 4)))
+    refused("stability limit", jp.growth, ROW, RECORD, jp.TimeGrid(2.0, 10))
+    made = jp.Growth(*jnp.ones((3, 4)))
     refused("horizon: uncertainty = 0", made.horizon, 0.0)

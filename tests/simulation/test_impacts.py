@@ -6,8 +6,6 @@ import functools
 import jax
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import jaxpound as jp
 from tests.simulation.pairs import (
@@ -50,8 +48,8 @@ def drawn(laws, seed=0):
 
 
 @functools.cache
-def drawn_run(laws, seed=0):
-    return run(*drawn(laws, seed))
+def drawn_run(laws):
+    return run(*drawn(laws))
 
 
 def struck(contact, gap, **changes):
@@ -64,11 +62,9 @@ def with_gap(system, gap):
 
 
 @KINDS
-@settings(max_examples=2)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_energy_never_grows(laws, seed):
+def test_energy_never_grows(laws):
     """What the ground supplies is kinetic, in rods, dampers and contact, or lost, for good."""
-    found = drawn_run(laws, seed)
+    found = drawn_run(laws)
     assert (found.demand.n_impacts > 0).sum() >= 5
     energy = found.energy
     supplied = np.abs(energy.input).max(1, keepdims=True)

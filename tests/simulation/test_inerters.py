@@ -1,6 +1,7 @@
 """Inerters against exact vibrations, against heavier masses, and in groups of links that slip."""
 
 import dataclasses
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import pytest
 from scipy.linalg import eigh
 
 import jaxpound as jp
+from tests.simulation.pairs import in_unit_of_time
 
 G = jp.GROUND
 ELASTIC = jp.ZenerRod(order=1.0, tau_f=1e-9, tau_x=1e-9)
@@ -48,26 +50,34 @@ def three(inertances):
     return jp.System(MASSES, rods, links)
 
 
+WAVE, GRID = jp.Ricker(0.5, [2.0], [1.5]), jp.TimeGrid.until(12.0, dt=0.04)
 ALONE, SHARED = {(0, 2): 0.6}, {(2, G): 0.3, (0, 2): 0.6}
+FREE = jp.TimeGrid(END / 120, 240)
+
+
+@cache
+def free_vibration(is_shared):
+    """A program for runs and their derivatives by the inertance between masses 0 and 2.
+
+    In a unit of time, so that one program takes steps of any length.
+    """
+    inertances = SHARED if is_shared else ALONE
+
+    def positions(b, unit):
+        still = dataclasses.replace(WAVE, amplitude=0.0)
+        system, still = in_unit_of_time(unit, three(inertances | {(0, 2): b}), still)
+        run = jp.simulate(system, still, FREE, initial=jp.InitialState(X, unit * V))
+        return jnp.stack([mass.x for mass in run.masses])
+
+    return jax.jit(lambda b, unit: jax.jvp(partial(positions, unit=unit), (b,), (1.0,)))
 
 
 @pytest.mark.parametrize("inertances", [ALONE, SHARED], ids=["alone", "of one mass"])
 def test_free_vibrations_and_their_derivatives_by_an_inertance_are_of_second_order(inertances):
     """The third mass is light: its motion is that of the inerters."""
-
-    def positions(b, grid):
-        system = three(inertances | {(0, 2): b})
-        run = jp.simulate(system, jp.Pulse(0.0, 1.0, 1.0), grid, initial=jp.InitialState(X, V))
-        return jnp.stack([mass.x for mass in run.masses])
-
-    @jax.jit
-    def run(b):
-        grids = [jp.TimeGrid.until(END, dt=END / n) for n in (120, 240)]
-        return [(positions(b, grid), jax.jacfwd(positions)(b, grid)) for grid in grids]
-
-    errors, small = [], 1e-5
-    for values in run(0.6):
-        t = np.linspace(0, END, values[0].shape[1])
+    errors, small, run = [], 1e-5, free_vibration(inertances is SHARED)
+    for n in (120, 240):
+        values, t = [x[:, : n + 1] for x in run(0.6, 120 / n)], np.linspace(0, END, n + 1)
         low, exact, high = (
             vibration(inertances | {(0, 2): 0.6 + d}, t) for d in (-small, 0, small)
         )
@@ -89,23 +99,16 @@ def test_modes_and_the_stability_limit_are_those_of_the_mass_matrix_with_inertan
     modes = jp.modes(three(SHARED))
     assert modes.frequencies == pytest.approx(omega, rel=1e-8)
     assert modes.eigenvalues.imag == pytest.approx(omega, rel=1e-8)
-    assert jp.stability_limit(three(SHARED)) == pytest.approx(2 / omega[-1], rel=1e-7)
-    grids = [jp.TimeGrid(factor * 2 / omega[-1], 10) for factor in (0.999, 1.001)]
-    below, above = (
-        jax.jit(lambda b, grid=grid: jp.demand(three(SHARED | {(0, 2): b}), WAVE, grid).peak_x1)(
-            0.6
-        )
-        for grid in grids
-    )
-    assert np.isfinite(below)
-    assert np.isnan(above)
+    limit = jp.stability_limit(three(SHARED))
+    assert limit == pytest.approx(2 / omega[-1], rel=1e-7)
+    below, above = (free_vibration(True)(0.6, x * limit / FREE.dt)[0] for x in (0.999, 1.001))
+    assert np.isfinite(below).all()
+    assert np.isnan(above).all()
 
 
-WAVE, GRID = jp.Ricker(0.5, [2.0], [1.5]), jp.TimeGrid.until(12.0, dt=0.04)
 SHARE = 0.4  # of the whole mass that is a mass, not an inertance
 
 
-@jax.jit
 def pounding(numbers, share):
     """A mass that slides between two walls: a share of it is mass, the rest inertance."""
     friction, gap, stiffness = numbers
@@ -119,23 +122,27 @@ def pounding(numbers, share):
     system = jp.System((share,), (jp.Rod(STEEL, 1.0, (0, G)),), (link,))
     ground = dataclasses.replace(WAVE, amplitude=0.5 / share)
     start = jp.InitialState((0.02,), (0.1,))
-    return jp.simulate(system, ground, GRID, initial=start)
+    run = jp.simulate(system, ground, GRID, initial=start)
+    names = ("x1", "v1", "gap_2", "friction_1", "contact_1", "contact_2")
+    return {name: getattr(run, name) for name in names}, run
 
 
 def test_an_inerter_to_the_ground_is_a_mass_that_the_ground_does_not_load():
     """In contact, slip and stick, in values and derivatives."""
     numbers = jnp.array([0.04, 0.15, 30.0])
-    whole, part = (
-        jax.jvp(lambda y, s=share: pounding(y, s), (numbers,), (numbers,)) for share in (1.0, SHARE)
-    )
-    for run, other in zip(whole, part, strict=True):
-        for name in ("x1", "v1", "gap_2", "friction_1", "contact_1", "contact_2"):
-            y, z = np.asarray(getattr(run, name)), np.asarray(getattr(other, name))
-            np.testing.assert_allclose(z, y, rtol=0, atol=1e-8 * np.abs(y).max(), err_msg=name)
-    (run, _), (other, _) = whole, part
-    demand = other.demand
-    assert demand.n_impacts_1 > 1
-    assert demand.n_impacts_2 > 1
+
+    @jax.jit
+    def along(share):
+        of_share = partial(pounding, share=share)
+        return jax.jvp(of_share, (numbers,), (numbers,), has_aux=True)
+
+    (*whole, run), (*part, other) = along(1.0), along(SHARE)
+    for series, others in zip(whole, part, strict=True):
+        for name, y in series.items():
+            within = {"rtol": 0, "atol": 1e-8 * np.abs(y).max()}
+            np.testing.assert_allclose(others[name], y, **within, err_msg=name)
+    assert other.demand.n_impacts_1 > 1
+    assert other.demand.n_impacts_2 > 1
     assert np.isclose(other.demand.peak_impulse_1, run.demand.peak_impulse_1, rtol=1e-9)
     relative, same = (y.absolute_accelerations[0] - y.ground_acceleration for y in (run, other))
     # The whole shaken as the part: its ground has the whole amplitude.
@@ -155,9 +162,10 @@ def test_inerters_in_a_group_that_slips_and_pounds():
         jp.Link((2, 0), 0.02, inerter=jp.Inerter(0.5)),
     )
     system = jp.System((1.0, 0.7, 0.4), rods, links)
-    residuals = []
-    for dt in (0.04, 0.02):
-        run = jp.simulate(system, WAVE, jp.TimeGrid.until(12.0, dt=dt))
+    residuals, dt, grid = [], 0.02, jp.TimeGrid(0.04, 600)
+    program = jax.jit(lambda unit: jp.simulate(*in_unit_of_time(unit, system, WAVE), grid))
+    for unit in (1.0, dt / grid.dt):  # by one program
+        run = jp.Scales(1.0, 1 / unit, unit**-2.0).to_si(program(unit))
         residuals.append(run.energy.relative_residual)
     assert run.demand.n_impacts_1 > 1
     kinds = {phase.kind for k in (0, 1) for phase in run.phases(k)}
@@ -190,9 +198,16 @@ def test_peaks_of_accelerations_jump_with_the_friction():
     rods = [jp.Rod(ELASTIC, stiffness, ends) for ends, stiffness in RODS.items()]
     link = jp.Link((0, 1), 0.1, inerter=jp.Inerter(0.8))
     system = jp.System((1.0, 0.7, 0.4), rods, (link,))
-    run = jp.simulate(system, WAVE, jp.TimeGrid.until(12.0, dt=0.02))
-    fine = jp.simulate(system, WAVE, jp.TimeGrid.until(12.0, dt=0.001))
-    for i in (1, 2, 3):
-        peak = getattr(run.demand, f"peak_acceleration_{i}")
-        samples = np.abs(fine.absolute_accelerations[i - 1]).max()
+    grid = jp.TimeGrid(0.02, 12_000)
+
+    @jax.jit
+    def accelerations(unit):
+        """Of a step that is ``unit`` times the grid's: the series, and their peaks."""
+        run = jp.simulate(*in_unit_of_time(unit, system, WAVE), grid)
+        peaks = [mass.peak_acceleration for mass in run.demand.masses]
+        return jnp.stack(run.absolute_accelerations), peaks
+
+    (_, peaks), (fine, _) = accelerations(1.0), accelerations(0.05)
+    for peak, series in zip(peaks, fine / 0.05**2, strict=True):
+        samples = np.abs(series).max()
         assert peak == pytest.approx(samples, rel=2e-3)

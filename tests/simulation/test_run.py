@@ -12,6 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 import jaxpound as jp
 from jaxpound.simulation import rollout
 from jaxpound.simulation import run as simulation
+from tests.layout import looped  # noqa: F401
 from tests.reference import convergence_order, load, paper_algorithm
 from tests.refusals import refusals, refused
 from tests.simulation.pairs import in_unit_of_time
@@ -26,6 +27,8 @@ STEPS = (0.02, 0.01, 0.005)
 GRID, SHORT = jp.TimeGrid(0.02, 600), jp.TimeGrid(0.02, 50)
 LONG = jp.TimeGrid(0.02, 10_000)
 """Until 20 at steps of 0.002, in a unit of time of which 0.02 are one: see ``in_unit``."""
+
+LOOPED = pytest.mark.usefixtures("looped")
 
 # What is tried there may be coarse, at rest or in records of 22 g.
 IMPLAUSIBLE = pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
@@ -62,6 +65,7 @@ def furthest(series, other):
     return np.abs(series - other).max()
 
 
+@LOOPED
 def test_step_responses_of_order_one_against_the_inverse_laplace_transform():
     """Of order two: the case "rods" of the verification."""
     rods = [load("rods")[name] for name in ("rod_1", "rod_2")]
@@ -87,6 +91,7 @@ def test_step_responses_of_order_one_against_the_inverse_laplace_transform():
         assert abs(convergence_order(steps, errors) - 1) < 0.15
 
 
+@LOOPED
 def test_den_hartog_s_oscillator_has_his_steady_amplitude_and_is_stuck_if_friction_exceeds_2():
     """y = x1 − x2 of y'' + y + b sgn(y') = cos(r t) − 1: block 2 is too heavy to move.
 
@@ -213,6 +218,7 @@ def test_smoothed_friction_tends_to_the_event_resolved_response_and_no_width_ove
     assert abs(convergence_order(steps, errors) - 2) < 0.3, errors
 
 
+@LOOPED
 def test_energy_is_balanced_under_wavelets_of_few_steps_and_single_spikes():
     """The ground's work, and each kick, by the ground's own integral over the step."""
     grid, n, random = jp.TimeGrid(0.02, 800), 32, np.random.default_rng(0)
@@ -332,6 +338,7 @@ def test_swapping_the_structures_mirrors_the_response(structures, ground):
     assert float(other.min_gap) == pytest.approx(float(run.min_gap) * length, abs=4e-9 * length)
 
 
+@LOOPED
 def test_demand_is_the_simulation_s_and_its_intensity_that_of_the_ground():
     for scheme in SCHEMES:
         run, _ = long_run(LONG.dt, scheme)
@@ -366,6 +373,7 @@ def test_demand_is_the_simulation_s_and_its_intensity_that_of_the_ground():
         np.testing.assert_allclose(of_run, of_ground, rtol=1e-12)
 
 
+@LOOPED
 def test_a_last_stop_at_the_smallest_gap_tells_when_it_was():
     """Stuck ever after: the gap is smallest from the stop on, not at the end of the run."""
     ground = jp.Ricker(-0.5, 2.0, 3.0)
@@ -388,6 +396,7 @@ def test_a_last_stop_at_the_smallest_gap_tells_when_it_was():
     assert abs(float(slope)) > 0.1
 
 
+@LOOPED
 def test_the_soft_minimum_is_its_definition_between_minimum_and_mean():
     """Its slopes by all inputs of a run: test_gradients.py."""
     gap, time = (getattr(long_run(LONG.dt)[0], name) for name in ("gap", "time"))
@@ -416,6 +425,7 @@ test_an_impossible_temperature_is_refused = pytest.mark.unchecked(
 )
 
 
+@LOOPED
 def test_new_values_do_not_trace_again():
     traces = []
 
@@ -441,17 +451,18 @@ def test_new_values_do_not_trace_again():
     assert simulation._demand._cache_size() == size + 1
 
 
-@pytest.mark.filterwarnings("ignore:.*the energy balance leaves")  # the steps are coarse
+@IMPLAUSIBLE  # the steps are coarse
 def test_compiled_and_eager_runs_agree_and_float32_stays_float32_and_close():
     """A full history is the same in a longer run."""
-    grid = jp.TimeGrid(0.1, 13)
+    grid = jp.TimeGrid(0.2, 7)
     runs = {scheme: paper_run(grid.dt, scheme) for scheme in (FULL, jp.PAPER_SCHEME)}
     runs[SMOOTHED] = jax.jit(lambda s: jp.simulate(s, WAVES, grid, SMOOTHED))(PAIR)
     for scheme, compiled in runs.items():
         with jax.disable_jit():
             eager = jp.simulate(PAIR, WAVES, grid, scheme)
-        np.testing.assert_allclose(eager.x1, compiled.x1[:14], rtol=1e-10, atol=1e-14)
-        np.testing.assert_allclose(eager.gap, compiled.gap[:14], rtol=1e-10, atol=1e-14)
+        assert np.abs(eager.slip_velocity).max() > 0
+        np.testing.assert_allclose(eager.x1, compiled.x1[:8], rtol=1e-10, atol=1e-14)
+        np.testing.assert_allclose(eager.gap, compiled.gap[:8], rtol=1e-10, atol=1e-14)
     single = jp.simulate(*jax.tree.map(np.float32, (PAIR, WAVES)), jp.TimeGrid.until(20.0, 0.02))
     assert {leaf.dtype for leaf in jax.tree.leaves(single)} == {jnp.dtype("float32")}
     assert float(single.min_gap) == pytest.approx(float(paper_run(0.02).min_gap), abs=1e-3)
@@ -464,9 +475,10 @@ def test_a_batch_is_the_loop_over_every_leaf(scheme):
     def vary(leaf):
         return np.asarray(leaf)[None] * rng.uniform(0.9, 1.1, (3, *np.shape(leaf)))
 
-    batch, run = jax.tree.map(vary, (PAIR, WAVES)), partial(in_unit, 1.0, scheme=scheme)
+    grid = GRID if scheme is jp.PAPER_SCHEME else LONG  # a full history has its price
+    batch, run = jax.tree.map(vary, (PAIR, WAVES)), partial(in_unit, 1.0, grid=grid, scheme=scheme)
     together, energies = jax.device_get(jax.vmap(run)(*batch))
-    assert together.x1.shape == (3, LONG.n_steps + 1)
+    assert together.x1.shape == (3, grid.n_steps + 1)
     for i in range(3):
         alone, energy = run(*jax.tree.map(lambda leaf, i=i: leaf[i], batch))
         np.testing.assert_allclose(together.x1[i], alone.x1, rtol=1e-9, atol=1e-12)
@@ -474,6 +486,7 @@ def test_a_batch_is_the_loop_over_every_leaf(scheme):
         np.testing.assert_allclose(energies.residual[i], energy.residual, atol=1e-10)
 
 
+@LOOPED
 @IMPLAUSIBLE
 def test_records_and_user_functions_shake_as_the_wavelets_they_sample():
     class Shaker:
@@ -512,6 +525,7 @@ def test_records_and_user_functions_shake_as_the_wavelets_they_sample():
     assert result(shaker, "peak_x1") > 1.5 * weak
 
 
+@LOOPED
 def test_gradient_by_the_time_scale_of_a_rough_record():
     """The record's kinks lie on the grid; the truth is a central difference on a finer one."""
     rough = np.random.default_rng(5).normal(size=300)[:280]
@@ -535,6 +549,7 @@ def test_gradient_by_the_time_scale_of_a_rough_record():
         assert float(value_and_slope(0.05, dt)[1]) == pytest.approx(truth, rel=within)
 
 
+@LOOPED
 @pytest.mark.parametrize("scheme", [RESOLVED, jp.Scheme(order=1)])
 def test_the_stability_limit_is_where_stepping_starts_to_diverge(scheme, monkeypatch):
     """Just below the limit a push dies away; just above it, with the check taken out, it grows."""
@@ -616,6 +631,7 @@ def short_runs():
     return jax.jit(jax.vmap(run)), jax.jit(slope)
 
 
+@LOOPED
 @pytest.mark.parametrize("name", invalid)
 def test_a_traced_invalid_run_is_nan_in_every_result_and_derivative_and_says_so(name):
     """Traced values cannot raise; of a batch only the invalid entry is NaN.
@@ -634,6 +650,7 @@ def test_a_traced_invalid_run_is_nan_in_every_result_and_derivative_and_says_so(
     assert np.isnan(slope(broken, way))
 
 
+@LOOPED
 def test_a_traced_invalid_ground_motion_is_nan_in_every_result_and_one_that_overflows_raises():
     def record(sample):
         samples = jnp.array([0.0, 0.1, 0.2]).at[1].set(sample)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.refusals import refusals, refused
 
 TIME = 0.02 * np.arange(200)
@@ -16,6 +17,10 @@ TARGETS = np.array([1.0, 1.62, 3.0])[:, None]  # at 1 s three strengths have the
 
 
 def of_burst(**options):
+    """Of levels of any shape, in one that shares a program."""
+    for name in {"strength", "ductility"}.intersection(options):
+        level = options[name]
+        options[name] = level if isinstance(level, jax.Array) else np.broadcast_to(level, (3, 3))
     return jp.inelastic_spectrum(BURST, PERIODS, dt=0.01, **options)
 
 
@@ -41,20 +46,21 @@ def test_a_stronger_oscillator_stays_elastic(elastic):
     spectrum = of_burst(strength=1.5 * elastic)
     np.testing.assert_allclose(spectrum.ductility, 1 / 1.5, rtol=1e-3)
     peak = elastic * jp.STANDARD_GRAVITY * (PERIODS / (2 * np.pi)) ** 2
-    np.testing.assert_allclose(spectrum.displacement, peak, rtol=1e-3)
-    np.testing.assert_array_equal(spectrum.period, PERIODS)
+    np.testing.assert_allclose(spectrum.displacement, np.broadcast_to(peak, (3, 3)), rtol=1e-3)
+    np.testing.assert_array_equal(spectrum.period, np.broadcast_to(PERIODS, (3, 3)))
 
 
 def test_the_batch_is_a_loop_over_its_periods():
     spectrum = of_burst(strength=0.1, hardening=0.05)
     assert bool((spectrum.ductility > 1).all())
-    for i, period in enumerate(PERIODS):
+    for i, period in enumerate(PERIODS.tolist()):
         single = jp.inelastic_spectrum(BURST, period, strength=0.1, hardening=0.05, dt=0.01)
         assert single.ductility.shape == ()
-        assert single.ductility == pytest.approx(float(spectrum.ductility[i]), rel=1e-9)
-    several = of_burst(strength=np.array([[0.1], [0.2], [0.3]]), hardening=0.05)
+        assert single.ductility == pytest.approx(float(spectrum.ductility[0, i]), rel=1e-9)
+    levels = {"strength": np.array([[0.1], [0.2], [0.3]]), "hardening": 0.05}
+    several = jp.inelastic_spectrum(BURST, PERIODS, dt=0.01, **levels)
     assert several.displacement.shape == (3, 3)
-    np.testing.assert_allclose(several.ductility[0], spectrum.ductility, rtol=1e-9)
+    np.testing.assert_allclose(several.ductility[0], spectrum.ductility[0], rtol=1e-9)
 
 
 def test_the_strength_is_the_largest_that_has_the_ductility(elastic):
