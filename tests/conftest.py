@@ -53,6 +53,9 @@ from xdist.scheduler import LoadScopeScheduling  # noqa: E402
 # kernels must neither pick the same port nor create the same profile.
 KERNELS = tempfile.mkdtemp(prefix="jaxpound-kernels-")
 os.environ["IPYTHONDIR"] = KERNELS
+STARTUP = Path(KERNELS, "profile_default", "startup", "cycles.py")  # run by every kernel
+STARTUP.parent.mkdir(parents=True)
+STARTUP.write_text(f"import gc\n\ngc.set_threshold{gc.get_threshold()}\n")
 LOCAL = {"transport": "ipc", "ip": f"{KERNELS}/kernel"} if os.name == "posix" else {}
 nbmake.nb_run.NotebookClient = functools.partial(
     nbmake.nb_run.NotebookClient,

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.study.test_run import LINEAR, assert_same, study
+from tests.study.test_run import assert_same, study
 
 ROOT = Path(__file__).parents[1]
 
@@ -35,7 +35,7 @@ def own_environment():
 def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
     distributed = pytest.importorskip("distributed")
     killed = tmp_path / "killed"
-    arguments = {"n": 40_000, "chunk_size": 1000}
+    arguments = {"n": 20_000, "chunk_size": 500}
     how = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
     with distributed.LocalCluster(**how) as cluster, distributed.Client(cluster) as client:
         found = []
@@ -52,24 +52,29 @@ def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
         had = {path: path.stat().st_ino for path in killed.glob("chunk-*.npz")}
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
         thread.join()
-    assert len(found[0]) == 40_000
+    assert len(found[0]) == 20_000
     assert not [*killed.glob("*.part")]  # what the killed one was writing
     assert all(path.stat().st_ino == file for path, file in had.items())
     # Workers have one thread for linear algebra, whose rounding differs.
     assert_same(found[0], study(**arguments))
 
 
+SCENARIOS = """jp.Scenarios(
+    jp.paper.structures(),
+    jp.RandomRicker(1, jp.LogNormal(0.3, 0.5), jp.Uniform(1.0, 3.0), jp.Uniform(0.0, 3.0)),
+)"""
 PROGRAM = """
-import runpy
 import sys
+from pathlib import Path
 import jax
+import jaxpound as jp
 jax.config.update("jax_num_cpu_devices", 2)
-runpy.run_path("examples/many_processes.py", run_name="__main__")
-from tests.study.test_run import LINEAR, study
+exec(Path("examples/many_processes.py").read_text().replace("RUNS = 8192", "RUNS = 1024"))
 shard = (jax.process_index() + 1, jax.process_count())
-print(len(study(LINEAR, 256, store=sys.argv[4], chunk_size=64, shard=shard)))
-"""
-"""The documented script, and a study of which each process makes a part."""
+more = {"chunk_size": 64, "progress": False, "store": sys.argv[4], "shard": shard}
+print(len(jp.monte_carlo(SCENARIOS, 256, jp.TimeGrid(0.1, 40), **more)))
+""".replace("SCENARIOS", SCENARIOS)
+"""The documented script, with fewer runs, and a study of which each process makes a part."""
 
 
 def start_two(store):
@@ -94,7 +99,7 @@ def test_two_processes_of_one_program_share_a_batch_and_fill_a_store(tmp_path):
     printed = start_two(str(tmp_path / "study"))
     (first, *numbers), (second, *same) = (re.search(words, out).groups() for out in printed)
     assert (first, second, numbers) == ("0", "1", same)
-    assert_same(jp.Study.open(tmp_path / "study"), study(LINEAR, 256))
+    assert_same(jp.Study.open(tmp_path / "study"), study(eval(SCENARIOS), 256))
     ground = jp.RandomRicker(5, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3), jp.Uniform(0, 8))
     scenarios = jp.Scenarios(jp.paper.structures(), ground)
     grid = jp.TimeGrid.until(20.0, 0.04)
@@ -103,6 +108,6 @@ def test_two_processes_of_one_program_share_a_batch_and_fill_a_store(tmp_path):
         z = jax.random.normal(jax.random.fold_in(jax.random.key(0), index), scenarios.dimension)
         return jp.demand(*scenarios.realize(z), grid).min_gap
 
-    gaps = jp.in_chunks(gap)(jnp.arange(8192))
+    gaps = jp.in_chunks(gap)(jnp.arange(1024))
     assert float(numbers[0]) == pytest.approx(np.mean(gaps <= 0.5), abs=1e-6)
     assert float(numbers[1]) == pytest.approx(gaps.min(), abs=1e-8)

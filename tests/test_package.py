@@ -211,8 +211,9 @@ def readme_blocks(language):
 
 @pytest.mark.parametrize("number", range(len(readme_blocks("python"))))
 def test_readme_s_python_examples_run(number, monkeypatch):
+    """With fewer earthquakes, where there are ten thousand."""
     monkeypatch.setattr(jp, "use_cores", lambda: None)  # JAX runs already
-    exec(readme_blocks("python")[number], {"__name__": "readme"})
+    exec(readme_blocks("python")[number].replace("10_000", "500"), {"__name__": "readme"})
 
 
 PROGRAM = """
@@ -220,7 +221,8 @@ import jax, jaxpound as jp
 from dataclasses import replace
 jax.config.update("jax_enable_x64", True)
 pair = replace(jp.paper.structures(), initial_gap=0.3, contact=jp.Newton(0.65))
-print(jp.demand(pair, jp.paper.ground(), jp.TimeGrid(0.05, 200)).peak_x1)
+demand = jp.demand(pair, jp.paper.ground(), jp.TimeGrid(0.05, 200), only=["peak_x1"])
+print(demand.peak_x1)
 """
 
 

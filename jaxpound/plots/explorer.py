@@ -199,7 +199,8 @@ class Explorer:
         back.on_click(lambda _: self.reset())
 
         self.structures, self.ground = self._first, ground
-        self.response = self._run(self.structures, ground)
+        # As the sliders have the numbers, so that the first move needs no other program.
+        self.response = self._run(*self._chosen())
         self._panels = LivePanels(self.response)
         narrow = widgets.Layout(max_width="calc(100% - 4px)")  # less its margins
         self.picture = widgets.Image(format="png", layout=narrow)

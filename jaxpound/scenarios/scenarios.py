@@ -159,7 +159,8 @@ class Scenarios(Composed):
             raise InvalidInput(owner, "indices", repr(indices), f"must be from 0 to {limit - 1}")
         draw = points(sampling, as_key(*key_numbers(owner, key)), self.dimension)
         z = jnp.asarray(np.concatenate([draw(int(i), int(i) + 1) for i in chosen.ravel()]))
-        return jax.vmap(self.realize)(z) if chosen.ndim else self.realize(z[0])
+        # By one program: operation by operation a batch would compile a hundred.
+        return jax.jit(jax.vmap(self.realize))(z) if chosen.ndim else self.realize(z[0])
 
 
 def structures_of(scenarios: ScenarioSet) -> Any:
