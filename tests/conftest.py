@@ -71,6 +71,7 @@ LARGE = ("test_contact.py", "test_dampers.py", "test_divergence.py", "test_impac
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
 jaxtyping.install_import_hook(["jaxpound.results", "jaxpound.simulation"], CHECKER)
 from jaxpound._checks import machine_memory  # noqa: E402
+from tests import layout  # noqa: E402, F401  (steps of all programs are a loop)
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")

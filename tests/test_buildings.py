@@ -11,7 +11,6 @@ import jaxpound as jp
 from jaxpound.design.problem import DesignProblem
 from jaxpound.ground.run_input import as_run
 from jaxpound.study.gaps import double_difference_correlation
-from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.model.test_system import KnownCushion
 from tests.refusals import refusals, refused
 

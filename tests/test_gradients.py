@@ -18,7 +18,7 @@ from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
 from jaxpound.simulation import state
-from tests.layout import WRITTEN_OUT, steps_in_a_loop  # noqa: F401
+from tests.layout import WRITTEN_OUT
 from tests.made import SCALARS
 from tests.reference import convergence_order, paper_gradient
 from tests.simulation.pairs import in_unit_of_time

@@ -154,11 +154,14 @@ class _ObservedInstant(NamedTuple):
             at_turn = load + (load - before) * late
             for q in motion.turn_forces:
                 other = jnp.where(turned, sign * q + others - totals[k], others)
-                q = jnp.where(turned, q, motion.force)
                 if flow is not None:
                     other = jnp.where(flow.used, others, other)
-                    q = jnp.where(flow.used, motion.total_force, q)
-                reached.append(self.with_inertia(at_turn + other, signs, late, {k: q}) * inverse)
+                reached.append((at_turn + other) * inverse)
+                if self.system.inerters is not None:
+                    q = jnp.where(turned, q, motion.force)
+                    if flow is not None:
+                        q = jnp.where(flow.used, motion.total_force, q)
+                    reached[-1] = self.with_inertia(at_turn + other, signs, late, {k: q}) * inverse
         return peak.observe(now * inverse, smooth).include(*reached)
 
     def with_inertia(

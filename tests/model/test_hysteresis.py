@@ -10,7 +10,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxpound as jp
-from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.refusals import refusals
 
 FRAME = jp.ShearBuilding.from_period(3, 300e3, period=0.5, damping_ratio=0.05)

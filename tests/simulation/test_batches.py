@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.refusals import refusals
 
 GRID = jp.TimeGrid(0.04, 100)

@@ -13,7 +13,6 @@ import jaxpound as jp
 from jaxpound.plots.explorer import Explorer
 from jaxpound.simulation.buildings import time_step
 from tests.cli.commands import PULSE
-from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.refusals import refusals, refused
 
 LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.simulation.moats import (
     CASES,
     GRID,

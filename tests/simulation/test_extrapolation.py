@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.refusals import refusals
 from tests.simulation.pairs import in_unit_of_time
 

@@ -11,7 +11,6 @@ import pytest
 
 import jaxpound as jp
 from tests import linear
-from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.refusals import refused
 from tests.simulation.pairs import SHAKING as GROUND
 from tests.simulation.pairs import displacements_in_units, in_unit_of_time

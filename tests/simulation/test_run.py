@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 import jaxpound as jp
 from jaxpound.simulation import rollout
 from jaxpound.simulation import run as simulation
-from tests.layout import looped  # noqa: F401
+from tests.layout import looped, written_out  # noqa: F401
 from tests.reference import convergence_order, load, paper_algorithm
 from tests.refusals import refusals, refused
 from tests.simulation.pairs import in_unit_of_time

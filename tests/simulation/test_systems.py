@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.reference import convergence_order
 from tests.refusals import refused
 from tests.simulation.pairs import SHAKING as GROUND

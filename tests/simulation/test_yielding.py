@@ -11,7 +11,6 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.model import parameters
-from tests.layout import steps_in_a_loop  # noqa: F401
 from tests.refusals import refusals
 from tests.simulation.pairs import in_unit_of_time
 
