@@ -296,6 +296,7 @@ FILLING = """
 import sys
 import jax
 jax.config.update("jax_enable_x64", True)
+import tests.layout
 from tests.study.test_run import study
 study(n=12_000, store=sys.argv[1], chunk_size=1000, shard=(int(sys.argv[2]), 2))
 """
