@@ -53,9 +53,12 @@ from xdist.scheduler import LoadScopeScheduling  # noqa: E402
 # kernels must neither pick the same port nor create the same profile.
 KERNELS = tempfile.mkdtemp(prefix="jaxpound-kernels-")
 os.environ["IPYTHONDIR"] = KERNELS
-STARTUP = Path(KERNELS, "profile_default", "startup", "cycles.py")  # run by every kernel
+STARTUP = Path(KERNELS, "profile_default", "startup", "as_the_suite.py")  # run by every kernel
 STARTUP.parent.mkdir(parents=True)
-STARTUP.write_text(f"import gc\n\ngc.set_threshold{gc.get_threshold()}\n")
+STARTUP.write_text(
+    f"import gc\n\ngc.set_threshold{gc.get_threshold()}\n"
+    "from jaxpound.simulation import state\n\nstate.WRITTEN_OUT = 0  # tests/layout.py\n"
+)
 LOCAL = {"transport": "ipc", "ip": f"{KERNELS}/kernel"} if os.name == "posix" else {}
 nbmake.nb_run.NotebookClient = functools.partial(
     nbmake.nb_run.NotebookClient,
@@ -67,7 +70,7 @@ nbmake.nb_run.NotebookClient = functools.partial(
 # programs, as smaller ones of other files have the same functions. A whole number may stand for a
 # float, as it may for mypy.
 CHECKED = tuple(Path(__file__).parent / wing for wing in ("results", "simulation"))
-LARGE = ("test_contact.py", "test_dampers.py", "test_divergence.py", "test_impacts.py")
+LARGE = ("contact", "dampers", "divergence", "faces", "impacts", "inerters", "rows")
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
 jaxtyping.install_import_hook(["jaxpound.results", "jaxpound.simulation"], CHECKER)
 from jaxpound._checks import machine_memory  # noqa: E402
@@ -119,7 +122,7 @@ def _checked(request):
     """Wrong types reach the function, in tests that hand them over on purpose."""
     marked = request.node.get_closest_marker("unchecked") is not None
     own = any(folder in request.path.parents for folder in CHECKED)
-    checked = own and request.path.name not in LARGE and not marked
+    checked = own and request.path.stem.removeprefix("test_") not in LARGE and not marked
     jaxtyping.config.update("jaxtyping_disable", not checked)
 
 

@@ -3,8 +3,7 @@
 Steps of few rods are written out one after the other; in a loop, as those of more rods are, they
 are compiled in half the time. That both are the same steps: ``simulation/test_scan.py``. The tests
 of ``simulation/test_run.py`` have them written out and compare scalars of both; those of
-``test_gradients.py`` compare derivatives of both. Programs of notebooks and commands have them
-written out.
+``test_gradients.py`` compare derivatives of both. Programs of commands have them written out.
 """
 
 import pytest
