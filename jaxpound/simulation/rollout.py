@@ -98,7 +98,8 @@ class Rollout(NamedTuple):
         valid &= all_hold(extra_rules(extra)) & is_stable(system, dt, scheme)
         valid &= all_hold([] if initial is None else initial_rules(initial, system, dt))
         zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
-        zero = _differentiated_with(zero, (structures, ground, extra, initial))
+        if any(link.contact or link.velocity_friction for link in system.links):
+            zero = _differentiated_with(zero, (structures, ground, extra, initial))
         displaced = velocities = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
