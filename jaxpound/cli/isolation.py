@@ -55,17 +55,17 @@ class IsolationSection(OfClass):
             options["wall"] = jp.MoatWall(of_faces(wall.gap), law)
         with named("isolation:"):
             isolated, of_base = jp.isolated(building, self.model(), self.base_mass, **options)
-        higher = [replace(link, floor=link.floor + 1, next_floor=_above(link)) for link in links]
+        # What led to the ground leads to the base.
+        ends = [(link.floor + 1, link.other_floor + 1) for link in links]
+        higher = [
+            replace(link, floor=i, next_floor=j, next_building=number)
+            for link, (i, j) in zip(links, ends, strict=True)
+        ]
         return isolated, by_face((*higher, *of_base))
 
 
-def _above(link: jp.FloorLink) -> int | None:
-    """The lower floor of a link in a building that is put on a base."""
-    return None if link.other_floor == jp.GROUND else link.other_floor + 1
-
-
 def device_of(link: jp.FloorLink) -> str:
-    """The table of a building that makes a link of its own."""
+    """The table of a [[building]] that a link comes from."""
     return "tuned_mass" if link.inerter else "isolation"
 
 
@@ -93,7 +93,10 @@ class TunedMassSection(Section):
                 return jp.tuned_mass_damper(building, **options), ()
             if self.floor is not None:
                 if self.floor >= building.n_floors:
-                    rule = f"must be below the roof, from 1 to {building.n_floors - 1}"
+                    below = f"be below the roof, from 1 to {building.n_floors - 1}"
+                    rule = (
+                        f"must {below if building.n_floors > 1 else 'not be given for one storey'}"
+                    )
                     raise refused("floor", rule, str(self.floor))
                 options["floor"] = self.floor - 1
             return jp.tuned_inerter_damper(building, number=number, **options)

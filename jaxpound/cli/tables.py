@@ -28,6 +28,7 @@ OF_DEMANDS = {
     "velocity": Range(1e-6, 1e3, "m/s", "faster than sound"),
     "time": Range(1e-6, 3600, "s", "from the start of the run"),
     "energy": Range(1e-9, 1e15, "J", "a force and a length of these sizes"),
+    "mass": Range(1e-6, 1e12, "kg", "up to the inertance of many buildings"),
     "impulse": Range(1e-9, 1e15, "N s", "a force for a time"),
     None: Range(1e-9, 1e9, "", "of a count or a ratio"),
 }

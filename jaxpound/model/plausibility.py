@@ -73,7 +73,8 @@ class _Floors(NamedTuple):
     """The floors of concrete buildings, by mass; in SI."""
 
     weights: np.ndarray
-    masses: np.ndarray  # with the inertances at each
+    masses: np.ndarray
+    inertias: np.ndarray  # masses with the inertances at each
     moved: np.ndarray  # displacement under 1 g, by the stiffness of the first mode
     periods: np.ndarray  # of each floor on its own storey, by the same stiffness
     first_periods: tuple[float, ...]  # natural period of each building
@@ -103,7 +104,8 @@ class _Floors(NamedTuple):
         time, mass = float(scales.time), float(scales.mass)
         return _Floors(
             weights=masses * mass * float(scales.gravity),
-            masses=inertia * mass,
+            masses=masses * mass,
+            inertias=inertia * mass,
             moved=moved * float(scales.length),
             periods=2 * np.pi * np.sqrt(masses / stiffnesses) * time,
             first_periods=tuple(2 * math.pi / omega * time for omega in frequencies),
@@ -111,11 +113,12 @@ class _Floors(NamedTuple):
 
     def doubts(self) -> Iterator[str]:
         """Findings in masses and periods."""
-        least, most = self.masses.min(), self.masses.max()
+        least, most = self.inertias.min(), self.inertias.max()
         if most > MOST_RATIO * least:
+            inertances = " with inertances" if (self.inertias != self.masses).any() else ""
             yield (
-                f"the masses of floors, {least:.4g} to {most:.4g} kg, should be within a factor of "
-                f"{MOST_RATIO:g}: are all in kg?"
+                f"the masses of floors{inertances}, {least:.4g} to {most:.4g} kg, should be within "
+                f"a factor of {MOST_RATIO:g}: are all in kg?"
             )
         for number, period in enumerate(self.first_periods, 1):
             if period not in USUAL_PERIOD:

@@ -15,7 +15,7 @@ from jaxpound.model.row import FloorLink
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.topology import GROUND
 
-_DEVICE = 0.01  # mass of an inerter over its inertance, by default
+_DEVICE = 0.01  # ratio of the small mass over that of the inertance, by default
 
 
 def tuned_mass_damper(
@@ -74,11 +74,11 @@ def tuned_inerter_damper(
     building
         The building.
     inertance_ratio
-        b > 0: by the inertance, a first mode in which the roof and that floor differ by 1 has b
-        times its modal mass.
+        b > 0: the inertance times (1 − φ)² over the modal mass of the first mode, which is φ at
+        that floor, 0 at the ground and 1 at the roof.
     mass_ratio
-        m > 0, the small mass over the modal mass of the first mode at the roof; by default the mass
-        is a hundredth of the inertance.
+        m > 0, the small mass over the modal mass of the first mode at the roof; by default a
+        hundredth of the ratio of the inertance.
     floor
         The floor at the other end, from 0; ``GROUND`` by default. The nearer it is to the roof, the
         larger is the inertance for the same ratio.
@@ -107,7 +107,7 @@ def tuned_inerter_damper(
         raise InvalidInput(owner, "floor", repr(floor), f"must be {below}")
     inertance = ratio * mode.mass / (1 - (0.0 if floor == GROUND else mode.shape[floor])) ** 2
     if mass_ratio is None:
-        mass_ratio = _DEVICE * inertance / mode.mass
+        mass_ratio = _DEVICE * ratio
     (light,) = positive(owner, mass_ratio=mass_ratio)
     masses = light * mode.mass, inertance
     tuned = mode.tuned(owner, ratio + light, *masses, frequency_ratio, damping_ratio)
@@ -148,4 +148,5 @@ class _FirstMode:
             both = Building.from_period(mass + inertance, self.period / tuning, damping, order=1.0)
             top = dataclasses.replace(both, mass=mass)
         storeys, heights = self.frame.storeys, self.frame.heights
-        return ShearBuilding((*storeys, top), (*heights, heights[-1]))
+        # Half a storey above the roof it is at no height of a neighbour's floor.
+        return ShearBuilding((*storeys, top), (*heights, heights[-1] / 2))

@@ -102,7 +102,8 @@ def contact_loops(response: Response, link: LinkResponse) -> list[tuple[np.ndarr
     if response.batch or link.law is None or link.impacts is None:
         return []
     inverse = [1 / float(response.masses[end].mass) for end in link.ends if end != GROUND]
-    law = with_mass(link.law, 1 / sum(inverse) + float(link.inertance or 0.0))
+    inertance = sum(float(x.inertance or 0.0) for x in response.links if {*x.ends} == {*link.ends})
+    law = with_mass(link.law, 1 / sum(inverse) + inertance)
     time = np.asarray(response.time)
     loops = []
     for impact in link.impacts.entries(0):

@@ -1,9 +1,9 @@
 """The result of a search for a rare event: its probability and how it comes about.
 
 Derivatives of a small probability by parameters of the structures follow from the samples near the
-limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V. Near
-are samples whose values are exceeded with probabilities from P e^(−1/2) to P e^(1/2), and each
-counts by the inverse of that probability, as its logarithm is nearly a line there for any tail.
+limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V.
+Samples count whose values are exceeded with probabilities from P e^(−1/2) to P e^(1/2), each by the
+inverse of that probability: its logarithm is nearly a line over such a range, for any tail.
 """
 
 from __future__ import annotations

@@ -41,9 +41,9 @@ class Demand(ByElement, Columnar, Shown):
     flat name as well, numbered from 1, in tables (``to_pandas``, ``to_csv``, ``to_parquet``, with a
     row for each run) and as an attribute: ``peak_x1``, ``peak_acceleration_1``, ``peak_f1``, and
     for a single link ``min_gap_time``, ``slip_distance``, ``friction_work``, ``residual_offset``
-    and ``soft_min_gap`` (for several ``min_gap_time_1`` and so on). Of several links, such as the
-    two faces of one, ``peak_contact``, ``peak_impulse`` and ``peak_penetration`` are the largest,
-    ``n_impacts`` and ``contact_work`` the sums and ``first_impact_time`` is the earliest.
+    and ``soft_min_gap`` (for several ``min_gap_time_1`` and so on). As attributes only, of several
+    links, such as the two faces of one, ``peak_contact``, ``peak_impulse`` and ``peak_penetration``
+    are the largest, ``n_impacts`` and ``contact_work`` the sums, ``first_impact_time`` the first.
 
     Examples
     --------

@@ -289,7 +289,7 @@ def require_limited(owner: str, name: Any, place: str) -> None:
     """An ``InvalidInput`` for no limited demand of any system; ``place`` follows its name."""
     quantity = quantity_named(name) if isinstance(name, str) else None
     if quantity is None or not quantity.limited:
-        candidates = (*LIMITED_OF_PAIR, _ALL_DAMPERS, *OF_FLOORS, *OF_YIELDING)
+        candidates = (*LIMITED_OF_PAIR, _ALL_DAMPERS, _INERTANCE, *OF_FLOORS, *OF_YIELDING)
         raise InvalidInput(owner, "", "", _unknown(f"{name!r}{place}", hint(name, candidates)))
 
 

@@ -190,9 +190,11 @@ def _respond(
         unlinked: Any = dataclasses.replace(structures, initial_gap=0.0, **free)
     else:
         free |= {"gap": np.inf, "velocity_friction": None}
-        whole = [dataclasses.replace(x, **free) for x in structures.links]
-        stiff = tuple(x for x in whole if not is_traced((x.damper, x.inerter)))
-        unlinked = dataclasses.replace(structures, links=stiff)
+        links_alone = []
+        for x in structures.links:
+            traced: Any = {y: None for y in ("damper", "inerter") if is_traced(getattr(x, y))}
+            links_alone.append(dataclasses.replace(x, **free, **traced))
+        unlinked = dataclasses.replace(structures, links=tuple(links_alone))
     with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
         grid = record_grid(f"{owner}:", unlinked, scales, scheme, record, duration, dt)
     response = respond(owner, structures, shaking, grid, scheme, strict)

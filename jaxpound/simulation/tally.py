@@ -129,6 +129,9 @@ class _ObservedInstant(NamedTuple):
             for k, ends in enumerate(topology.links)
             if mass in ends
         }
+        if self.system.inerters is not None:  # by which other links of the group act on it, too
+            groups = (group for group in link_groups(topology) if mass in group.masses)
+            signs = {k: 0.0 for group in groups for k in group.links} | signs
         if not signs:
             return peak.observe(load * inverse, self.smooth)
         motions = {k: self.now.links[k].motion for k in signs}

@@ -15,13 +15,14 @@ from matplotlib.image import imread
 
 import jaxpound as jp
 from jaxpound.cli.buildings import as_toml
+from jaxpound.cli.design import ObjectiveTable, priced
 from jaxpound.cli.parameters import Parameters, by_path
 from jaxpound.cli.reading import File
 from jaxpound.cli.simulate import Simulation
 from jaxpound.model.parameters import get
 from jaxpound.model.row import by_face
 from tests.cli.commands import run, summary
-from tests.refusals import refusals
+from tests.refusals import refusals, refused
 
 FRAME = jp.ShearBuilding.from_period(3, 3e5, 0.5, 0.03)
 STOREYS = "[[building]]\nstoreys = {number = 3, mass = 3e5, period = 0.5, damping_ratio = 0.03}\n"
@@ -93,8 +94,9 @@ def tuned_inerter(**options):
     """On bearings, where all floors are one higher."""
     building, (link,) = jp.tuned_inerter_damper(FRAME, 0.05, damping_ratio=0.1, **options)
     on_bearings, _ = isolated(jp.LeadRubber(2.5, 0.05), building)
-    below = None if link.next_floor is None else link.next_floor + 1
-    return (on_bearings,), (dataclasses.replace(link, floor=4, next_floor=below),)
+    below = link.other_floor + 1  # the base, where it led to the ground
+    above = dataclasses.replace(link, floor=4, next_building=0, next_floor=below)
+    return (on_bearings,), (above,)
 
 
 def with_inerter():
@@ -151,6 +153,14 @@ def test_a_file_is_the_library_s_buildings_and_is_written_back(form):
         values = [[float(x) for x in jax.tree.leaves(each)] for each in (si, layout.si)]
         np.testing.assert_allclose(*values, rtol=1e-12)
         assert [link.side for link in si.links] == [link.side for link in links]
+
+
+def test_a_design_may_have_a_budget_of_inertance():
+    layout = layout_of(FORMS["inerter"][0])
+    objective = priced("design.toml", ObjectiveTable(), {"total_inertance": 5e5}, {}, layout)
+    assert objective.limits["total_inertance"].at_most == 5e5
+    words = r"\[limits\] total_inertance = -1 kg must be between"
+    refused(words, priced, "design.toml", ObjectiveTable(), {"total_inertance": -1.0}, {}, layout)
 
 
 def test_a_damper_to_the_ground_by_its_other_floor_is_written_as_one():

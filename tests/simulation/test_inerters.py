@@ -191,6 +191,10 @@ def test_inerters_in_a_group_that_slips_and_pounds():
     inertia = [0.3 * (second[0] - second[1]), 0.5 * (second[2] - second[0])]
     for link, force in zip(run.links, inertia, strict=True):
         assert np.abs(link.inertia[1:-1] - force)[calm].max() < 2e-3 * np.abs(relative).max()
+    # Accelerations jump with the friction of all links, also of those that do not touch the mass.
+    for mass, series in zip(run.demand.masses, run.absolute_accelerations, strict=True):
+        largest = np.abs(series).max()
+        assert 0.999 * largest <= mass.peak_acceleration < 1.1 * largest
 
 
 def test_peaks_of_accelerations_jump_with_the_friction():
