@@ -120,7 +120,7 @@ def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str
         "residual_offset_m": float(demand.residual_offset),
         "inerter_force_N": _largest(response.links[k].inertia),
         "viscous_force_N": None if damper is None else float(damper.peak_force),
-        "viscous_energy_J": None if damper is None else float(damper.dissipated_energy),
+        "viscous_energy_J": _largest(getattr(damper, "dissipated_energy", None)),
         "contact": _of_contact(response, k),
     }
 

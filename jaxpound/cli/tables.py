@@ -103,14 +103,17 @@ class ContactSection(OfClass):
 
 
 class DamperSection(OfClass):
-    """A viscous damper: a dashpot in series with a spring."""
+    """A viscous damper, a dashpot in series with a spring; or a viscoelastic one."""
 
-    CLASSES: ClassVar = {"power": jp.PowerLaw}
-    law: Literal["power"]
+    CLASSES: ClassVar = {"power": jp.PowerLaw, "zener": jp.ZenerRod}
+    law: Literal["power", "zener"]
     stiffness: Annotated[float, of_field(jp.Building, "stiffness")]
     force: Friction | None = None
     exponent: Annotated[float, of_field(jp.PowerLaw, "exponent")] | None = None
     velocity: Annotated[float, of_field(jp.PowerLaw, "velocity")] | None = None
+    order: Annotated[float, of_field(jp.Building, "order")] | None = None
+    tau_f: Annotated[float, of_field(jp.Building, "tau_f")] | None = None
+    tau_x: Annotated[float, of_field(jp.Building, "tau_x")] | None = None
 
     def model(self) -> jp.Rod:
         """The library's rod, in SI units."""

@@ -8,7 +8,7 @@ b)⁻¹ a and (1 + G b)⁻¹ G, in which friction, contact and events are those 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -48,9 +48,7 @@ class Inerters(NamedTuple):
         """Relative accelerations without the links' forces, from those without inerters."""
         return [*times(self.reduction, jnp.stack(pulls))]
 
-    def forces(
-        self, pulls: Sequence[jax.Array], totals: Sequence[jax.Array]
-    ) -> dict[int, jax.Array]:
+    def forces(self, pulls: Sequence[Any], totals: Sequence[Any]) -> dict[int, jax.Array]:
         """Forces of the inerters by link, from reduced ``pulls`` and the other forces of links."""
         accelerations = jnp.stack(pulls) - times(self.delassus, jnp.stack(totals))
         return {k: b * accelerations[k] for k, b in self.inertances.items()}

@@ -231,9 +231,7 @@ def of_all_masses(
     return tuple(positions)
 
 
-def link_pulls(
-    system: StepConstants, loads: Sequence[jax.Array], shaking: jax.Array
-) -> list[jax.Array]:
+def link_pulls(system: StepConstants, loads: Sequence[Any], shaking: Any) -> list[jax.Array]:
     """Relative accelerations of the links' ends without these; between masses u'' drops out."""
     pulls, inverse = list[jax.Array](), system.inverse_masses
     for ends in system.topology.links:

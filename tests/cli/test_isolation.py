@@ -104,6 +104,7 @@ def with_inerter():
     return (FRAME, FRAME), (jp.FloorLink(0, 1, **between),)
 
 
+POLYMER = jp.Rod(jp.ZenerRod(0.6, 0.01, 0.3), 4e6)
 TUNED_INERTER = "tuned_mass = {inertance_ratio = 0.05, damping_ratio = 0.1"
 FORMS = {
     "two faces": (ISOLATED + STOREYS + LINK, of_two_faces()),
@@ -120,6 +121,11 @@ FORMS = {
     "tuned mass": (
         f"{STOREYS}tuned_mass = {{mass_ratio = 0.05, damping_ratio = 0.1}}",
         one(jp.tuned_mass_damper(FRAME, 0.05, damping_ratio=0.1), ()),
+    ),
+    "viscoelastic": (
+        f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 2\nnext_building = 1\n"
+        "damper = {law = 'zener', order = 0.6, tau_f = 0.01, tau_x = 0.3, stiffness = 4e6}",
+        one(FRAME, (jp.FloorLink(0, 1, next_building=0, damper=POLYMER),)),
     ),
     "inerter": (
         f"{STOREYS}{STOREYS}[[link]]\nbuilding = 1\nfloor = 2\ngap = 0.1\n"
@@ -252,7 +258,7 @@ test_links = refusals(
     (f"{POWER}, exponent = 0}}", "damper exponent = 0 must be in .0, 1"),
     (f"{POWER}, exponent = 1.5}}", "damper exponent = 1.5 must be from 0 to 1"),
     (f"{POWER}}}", "damper lacks the key 'exponent', which law = \"power\" needs"),
-    (POWER.replace("r'", "s'") + "}", 'damper law = "powes" must be one of "power"; did you mean'),
+    (POWER.replace("r'", "s'") + "}", 'damper law = "powes" must be one of "power", "zener"; did'),
     ("damper = {law = 'power', force = 1, exponent = 1}", "damper lacks the key 'stiffness'"),
     ("inerter = {}", "inerter lacks the key 'inertance'"),
     ("inerter = {inertance = -1}", "inerter inertance = -1 kg must be between 0 and 1e.12"),
