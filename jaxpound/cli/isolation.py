@@ -56,10 +56,9 @@ class IsolationSection(OfClass):
         with named("isolation:"):
             isolated, of_base = jp.isolated(building, self.model(), self.base_mass, **options)
         # What led to the ground leads to the base.
-        ends = [(link.floor + 1, link.other_floor + 1) for link in links]
         higher = [
-            replace(link, floor=i, next_floor=j, next_building=number)
-            for link, (i, j) in zip(links, ends, strict=True)
+            replace(x, floor=x.floor + 1, next_floor=x.other_floor + 1, next_building=number)
+            for x in links
         ]
         return isolated, by_face((*higher, *of_base))
 
@@ -93,10 +92,9 @@ class TunedMassSection(Section):
                 return jp.tuned_mass_damper(building, **options), ()
             if self.floor is not None:
                 if self.floor >= building.n_floors:
-                    below = f"be below the roof, from 1 to {building.n_floors - 1}"
-                    rule = (
-                        f"must {below if building.n_floors > 1 else 'not be given for one storey'}"
-                    )
+                    rule = f"must be below the roof, from 1 to {building.n_floors - 1}"
+                    if building.n_floors == 1:
+                        rule = "must not be given for one storey"
                     raise refused("floor", rule, str(self.floor))
                 options["floor"] = self.floor - 1
             return jp.tuned_inerter_damper(building, number=number, **options)

@@ -182,11 +182,11 @@ def _respond(
             raise ValueError(f"{owner}: {name} of shape {shape} must be one building, not a batch")
     shaking = scales.to_dimensionless(record)
     warn(owner, doubts(structures, scales) + too_wide(structures, scales), strict)
-    is_pair = isinstance(structures, AdjacentStructures)
     # Of what is between buildings, which may be traced, only stiffness and inertance matter to the
     # time step.
-    free: Any = {"friction": 0.0, "contact": None}
+    names, free = None, dict[str, Any](friction=0.0, contact=None)
     if isinstance(structures, AdjacentStructures):
+        names = ("gap", "contact")
         unlinked: Any = dataclasses.replace(structures, initial_gap=0.0, **free)
     else:
         free |= {"gap": np.inf, "velocity_friction": None}
@@ -200,7 +200,6 @@ def _respond(
     response = respond(owner, structures, shaking, grid, scheme, strict)
     in_si = scales.to_si(response)
     links = [dataclasses.replace(x, gap=x.gap * scales.length) for x in structures.system().links]
-    names = ("gap", "contact") if is_pair else None
     findings = excessive(record, response.demand.pga, "record")
     findings += implausible_links(links, in_si.demand, names, gaps=False)
     warn(owner, findings, strict)

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound.model.system import System
+from jaxpound.model.topology import elongation
 from jaxpound.simulation.contact.forces import inverse_of, times
 
 
@@ -31,10 +32,10 @@ class Inerters(NamedTuple):
         inertances = {k: x.inerter.inertance for k, x in enumerate(system.links) if x.inerter}
         if not inertances:
             return None
-        masses, links = range(len(system.masses)), system.topology.links
-        signs = np.array([[(mass == i) - (mass == j) for mass in masses] for i, j in links], float)
-        inverse = jnp.stack(inverse_masses)
-        delassus = (signs.astype(inverse.dtype) * inverse[None]) @ signs.T.astype(inverse.dtype)
+        links, inverse = system.topology.links, jnp.stack(inverse_masses)
+        motions = [*np.eye(len(system.masses), dtype=inverse.dtype)]
+        influence = np.stack([elongation(ends, motions) for ends in links])
+        delassus = (influence * inverse[None]) @ influence.T
         by_link = jnp.stack([inertances.get(k, 0 * inverse[0]) for k in range(len(links))])
         reduction = inverse_of(jnp.eye(len(links), dtype=inverse.dtype) + delassus * by_link[None])
         return Inerters(inertances, reduction, reduction @ delassus)
