@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.interpreters.partial_eval import dce_jaxpr
 
 from jaxpound._checks import Range, hint, require_batch
 from jaxpound._errors import InvalidInput
@@ -88,6 +89,19 @@ def with_mass(law: Any, effective_mass: Any) -> Any:
 def may_pull(law: Any) -> bool:
     """Whether a law's force may be negative; if not, the blocks separate instead."""
     return bool(getattr(law, "tension", False))
+
+
+def is_linear(law: Any) -> bool:
+    """Whether a law's force is linear in penetration and speed, whatever the touch speed is."""
+    force = law.law.force if isinstance(law, _Pressed) else law.force
+    number = jax.ShapeDtypeStruct((), jnp.result_type(float, *jax.tree.leaves(law)))
+
+    def slope(touch_speed: Any, state: Any, change: Any) -> Any:
+        return jax.jvp(lambda *y: jnp.asarray(force(*y, touch_speed)), state, change)[1]
+
+    program = jax.make_jaxpr(slope)(number, (number, number), (number, number))
+    _, used = dce_jaxpr(program.jaxpr, [True])
+    return not any(used[:3])  # the slopes depend on no number of the state
 
 
 @pytree_dataclass

@@ -51,32 +51,28 @@ class ContactTally(NamedTuple):
     slid: jax.Array  # distance until t_m
     since_touch: jax.Array  # instants since an impact began
     since_end: jax.Array  # and since one ended
-    now: Contact  # at t_m
 
     @property
     def is_kink(self) -> jax.Array:
         """Whether an impact has begun and ended within the last three instants."""
         return (self.since_touch < WINDOW) & (self.since_end < WINDOW)
 
-    def observe(self, seen: ContactMotion, time: jax.Array, last: jax.Array) -> ContactTally:
-        """Add one step; of the last one only its first half."""
+    def observe(self, seen: ContactMotion, time: jax.Array) -> ContactTally:
+        """Add one step."""
         now, log = seen.result.now, seen.result.log
-        late = last & (log.highest_time >= 0)
-        touches = jnp.where(last & (log.first_touch > 0), 0.0, log.touches)
-        begins = (touches > 0) & (self.touches == 0)
+        begins = (log.touches > 0) & (self.touches == 0)
         return self._replace(
-            highest=larger(self.highest, jnp.where(late, now.contact_force, log.highest)),
-            strongest=larger(self.strongest, jnp.where(last, now.strongest, log.strongest)),
-            touches=self.touches + touches,
+            highest=larger(self.highest, log.highest),
+            strongest=larger(self.strongest, log.strongest),
+            touches=self.touches + log.touches,
             first=jnp.where(begins, time + log.first_touch, self.first),
             lost=self.lost + seen.result.lost,
             stored=self.stored + seen.result.stored,
             lost_now=self.lost + now.lost,
             stored_now=self.stored + now.stored,
-            powers=self.powers + jnp.where(last, now.powers, log.powers),
+            powers=self.powers + log.powers,
             since_touch=jnp.where(log.touches > 0, 0.0, self.since_touch + 1),
             since_end=jnp.where(log.ended > 0, 0.0, self.since_end + 1),
-            now=now.contact,
         )
 
 
@@ -126,7 +122,7 @@ class LinkTally(NamedTuple):
             slid = jnp.where(turned_before, distance, self.distance) + jnp.abs(
                 now.closing - jnp.where(turned_before, last_turn, self.last_turn)
             )
-            contact = contact.observe(seen, time, last)._replace(slid=slid)
+            contact = contact.observe(seen, time)._replace(slid=slid)
         higher = turns & (turn > self.farthest)
         farthest = jnp.where(higher, turn, self.farthest)
         farthest_time = jnp.where(higher, time + now.motion.turn_time, self.farthest_time)
@@ -148,8 +144,10 @@ class LinkTally(NamedTuple):
             contact=contact,
         )
 
-    def demand(self, gap: jax.Array, slip_force: jax.Array | None, temperature: Any) -> LinkDemand:
-        """The scalars of the link, with its ``gap`` at rest.
+    def demand(
+        self, gap: jax.Array, end: Contact | None, slip_force: jax.Array | None, temperature: Any
+    ) -> LinkDemand:
+        """The scalars of the link, with its ``gap`` at rest and its contact at the ``end``.
 
         ``slip_force`` is μ if |q| = μ in any slip, which makes the work exact, else None.
         """
@@ -163,21 +161,19 @@ class LinkTally(NamedTuple):
             residual_offset=-self.closing,
             soft_min_gap=None if soft is None else gap - temperature * soft.value(),
         )
-        if contact is None:
+        if contact is None or end is None:
             return demand
-        # The contact in which the run ends.
-        last = contact.now
-        counts = (last.mode != APART) & (last.counts > 0)
-        powers = contact.powers + jnp.where(counts, last.peak_force**SOFT, 0.0)
-        deformed = counts & is_deformed(last.mode)
+        counts = (end.mode != APART) & (end.counts > 0)
+        powers = contact.powers + jnp.where(counts, end.peak_force**SOFT, 0.0)
+        deformed = counts & is_deformed(end.mode)
         hit = powers > 0
         return dataclasses.replace(
             demand,
             peak_contact=contact.highest,
-            peak_impulse=larger(contact.strongest, jnp.where(deformed, last.impulse, 0.0)),
+            peak_impulse=larger(contact.strongest, jnp.where(deformed, end.impulse, 0.0)),
             peak_penetration=jnp.where(demand.min_gap < 0, -demand.min_gap, 0.0),
             n_impacts=contact.touches,
             first_impact_time=contact.first,
-            contact_work=contact.lost_now,
+            contact_work=contact.lost,
             soft_peak_contact=jnp.where(hit, jnp.where(hit, powers, 1.0) ** (1 / SOFT), 0.0),
         )

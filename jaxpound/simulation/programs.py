@@ -92,7 +92,7 @@ def use_loop_kernels() -> None:
 
     By default XLA starts every small operation of a step on its own, some 50 ns each. As one kernel
     a single run takes a third of the time, with its gradient a fifth, and a pair with contact a
-    tenth. Batches, and towers with contact at several floors, gain little or nothing. Results
+    sixth. Batches, and towers with contact at several floors, gain little or nothing. Results
     differ by rounding at most. Call it once, before JAX computes anything; the command line does so
     by itself. It adds an option of XLA to the environment variable ``XLA_FLAGS``, which processes
     started from this one inherit.

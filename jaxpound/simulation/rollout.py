@@ -115,11 +115,11 @@ class Rollout(NamedTuple):
             time = m.astype(dtype) * dt
             now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
             a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
-            starts = m == 0
+            starts, ends = m == 0, m == grid.n_steps
             if initial is None:
                 v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
                 state = state._replace(v=v)
-            after = step(constants, state, sums, time, (a, mean), dt, scheme, starts)
+            after = step(constants, state, sums, time, (a, mean), dt, scheme, starts, ends)
             if initial is None:
                 return after
             # Idle steps before the first change nothing.
@@ -135,6 +135,7 @@ class Rollout(NamedTuple):
             inputs=shaking.series,
             checkpoint=scheme.checkpoint,
             looped=constants.is_long,
+            kernel=constants.is_kernel,
         )
         return Rollout(system, constants, zero, start, extra, advance, scan)
 

@@ -29,8 +29,7 @@ from jaxpound.model.topology import GROUND
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response
-from jaxpound.simulation.contact.records import SLOTS
-from jaxpound.simulation.link_tally import ContactTally
+from jaxpound.simulation.contact.records import SLOTS, Contact
 from jaxpound.simulation.programs import note_long_compilations
 from jaxpound.simulation.rollout import Rollout, extrapolated, extrapolated_response
 from jaxpound.simulation.scheme import (
@@ -234,8 +233,8 @@ Case = tuple[Structures, Ground, InitialState | None]
 
 def _run(
     case: Case, grid: TimeGrid, scheme: Scheme, temperature: ArrayLike | None, keep: bool
-) -> tuple[System, Demand, StoredSeries | None, tuple[ContactTally | None, ...]]:
-    """The system in the run's dtype, scalars, series if ``keep``, and tallies of links' contact."""
+) -> tuple[System, Demand, StoredSeries | None, tuple[Contact | None, ...]]:
+    """The system in the run's dtype, scalars, series if ``keep``, and links' contact at the end."""
     (structures, ground, initial), slots = case, SLOTS if keep else 0
     extra = temperature, _temperature_rules
     run = Rollout.of(structures, ground, grid, scheme, *extra, slots, initial)
@@ -250,14 +249,15 @@ def _run(
     closings = [link.closing for link in run.start.links]
     start = run.start, Tally.start(run.constants, system, zero, temperature is not None, closings)
     (state, tally), kept = run.scan(advance, start, segmented=keep)
-    scalars = tally.demand(run.constants, system, scheme.friction.set_valued, temperature)
+    ends = tuple(None if link.contact is None else link.contact.contact for link in state.links)
+    set_valued = scheme.friction.set_valued
+    scalars = tally.demand(run.constants, system, ends, set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
     # leave finite derivatives.
     closings = [link.closing for link in state.links]
-    ends = jnp.stack(of_all_masses(system.topology, state.x, closings))
-    poison = jnp.where(jnp.isfinite(ends).all(), 1.0, jnp.nan).astype(zero.dtype)
-    contacts = tuple(link.contact for link in tally.links)
-    return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, contacts)))
+    last = jnp.stack(of_all_masses(system.topology, state.x, closings))
+    poison = jnp.where(jnp.isfinite(last).all(), 1.0, jnp.nan).astype(zero.dtype)
+    return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, ends)))
 
 
 @partial(jax.jit, static_argnames=("grid", "scheme", "only"))

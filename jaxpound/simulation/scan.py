@@ -22,6 +22,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxpound.simulation.history import BLOCK, NEAR, HistorySum
+from jaxpound.simulation.kernels import as_kernel
 
 Advance = Callable[[Any, list[jax.Array], jax.Array, Any], tuple[Any, list[jax.Array], Any]]
 
@@ -47,6 +48,7 @@ def scan_with_history(
     segmented: bool = False,
     checkpoint: bool = False,
     looped: bool = False,
+    kernel: bool = False,
 ) -> tuple[Any, Any]:
     """``lax.scan`` of advance(carry, sums, m, entry) → (carry, c, out) over m = 0 … n_steps.
 
@@ -56,7 +58,8 @@ def scan_with_history(
     at rest, with c = 0. ``segmented`` splits the scan into about √n_steps segments, whose small
     outputs XLA fills faster on a CPU; with ``checkpoint`` reverse mode keeps the first state of
     each only. ``looped`` makes the steps of a block a loop of their own instead of writing them out
-    one after the other, so that the program of a long step is compiled once.
+    one after the other, so that the program of a long step is compiled once; with ``kernel`` that
+    loop is one kernel where it can be (``as_kernel``).
     """
     segments, segment, idle = _layout(n_steps, segmented or checkpoint)
     advance = jax.jit(advance)  # traced and differentiated once, not for every step of a block
@@ -80,13 +83,10 @@ def scan_with_history(
         ahead = [history.ahead(kernel, memory, start) for kernel, memory in of_rods]
         inside = start, carry, recent
         if looped:
-            # A window of constant length: c before c_{m0−BLOCK} are in ``ahead``.
-            def slid(state: Any, item: Any) -> tuple[Any, Any]:
-                (m, carry, past), seen = single_step(state, item)
-                return (m, carry, [c[1:] for c in past]), seen
-
-            inside = start, carry, [[zero] * (NEAR - BLOCK) + c for c in recent]
-            (_, carry, past), out = lax.scan(slid, inside, (ahead, entries), length=BLOCK)
+            window = [[zero] * (NEAR - BLOCK) + c for c in recent]
+            (_, carry, past), out = _in_loop(
+                single_step, (start, carry, window), (ahead, entries), kernel
+            )
         else:
             split = [lax.split(far, (1,) * BLOCK) for far in ahead]
             out = []
@@ -120,6 +120,19 @@ def scan_with_history(
         out = jax.tree.map(lambda *x: jnp.stack(x, -1), *out)
     series = jax.tree.map(lambda x: x.reshape(-1)[idle:], out)
     return state[1], series
+
+
+def _in_loop(single_step: Callable[..., Any], start: Any, items: Any, kernel: bool) -> Any:
+    """The steps of a block as a loop, with a window of c of constant length."""
+
+    def slid(state: Any, item: Any) -> tuple[Any, Any]:
+        (m, carry, past), seen = single_step(state, item)
+        return (m, carry, [c[1:] for c in past]), seen
+
+    def loop(start: Any, items: Any) -> Any:
+        return lax.scan(slid, start, items, length=BLOCK)
+
+    return as_kernel(loop, start, items, wanted=kernel)
 
 
 def _in_blocks(x: jax.Array, segments: int, segment: int, idle: int) -> jax.Array:

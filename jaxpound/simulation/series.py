@@ -15,8 +15,7 @@ from jaxpound.model.system import Link, System
 from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
-from jaxpound.simulation.contact.records import Impacts, is_deformed
-from jaxpound.simulation.link_tally import ContactTally
+from jaxpound.simulation.contact.records import Contact, Impacts, is_deformed
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.state import Instant, each, of_all_masses
 from jaxpound.simulation.tally import Tally
@@ -73,7 +72,7 @@ def response_of(
     scheme: Scheme,
     scalars: Demand,
     stored: StoredSeries,
-    ends: Sequence[ContactTally | None],
+    ends: Sequence[Contact | None],
 ) -> Response:
     """The response from the stored series; ``ends`` are the links' contacts at the end."""
     topology, rest = system.topology, 0 * stored.forces[0]
@@ -107,7 +106,7 @@ def _link_response(
     link: Link,
     series: dict[str, Any],
     ended: Impacts | None,
-    end: ContactTally | None,
+    end: Contact | None,
     last: jax.Array,
 ) -> LinkResponse:
     """The series of a link, from the impacts that ended in each step and the last instant."""
@@ -121,21 +120,19 @@ def _link_response(
         return LinkResponse(gap=gap, **entries, ends=link.ends)
     slid = entries.pop("slid")
     passed = Impacts(*[jnp.stack(slots, -1).ravel() for slots in ended])
-    under_way, never = end.now, jnp.nan * last
-    acts = is_deformed(under_way.mode) & (under_way.counts > 0)
+    never, acts = jnp.nan * last, is_deformed(end.mode) & (end.counts > 0)
     unfinished = Impacts(
-        touch_time=under_way.touch_time,
-        approach_velocity=jnp.where(acts, under_way.touch_speed, 0.0),
+        touch_time=end.touch_time,
+        approach_velocity=jnp.where(acts, end.touch_speed, 0.0),
         end_time=never,
         rebound_velocity=never,
-        impulse=under_way.impulse,
-        peak_force=under_way.peak_force,
+        impulse=end.impulse,
+        peak_force=end.peak_force,
     )
     impacts = jax.tree.map(lambda x, y: jnp.append(x, y), passed, unfinished)
     if isinstance(link.contact, Newton):
         impacts = impacts._replace(peak_force=jnp.full_like(impacts.peak_force, jnp.inf))
-    is_impact = (impacts.approach_velocity > 0) & (impacts.touch_time <= last)
-    is_impact &= ~(impacts.end_time > last)
+    is_impact = impacts.approach_velocity > 0
     (numbers,) = jnp.nonzero(is_impact, size=min(MOST, is_impact.size), fill_value=is_impact.size)
     kept = jax.tree.map(lambda x: jnp.append(x, jnp.nan)[numbers], impacts)
     fields = kept._asdict()

@@ -25,6 +25,10 @@ from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, RodInstant
 
+IN_KERNEL = 8
+"""Rods up to which the steps of a block that may need a local flow are one kernel. Longer kernels
+take long to compile."""
+
 WRITTEN_OUT = 4
 """Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
 flow, they are a loop, which compiles in a third of the time and runs at most a fifth slower."""
@@ -52,8 +56,17 @@ class StepConstants(NamedTuple):
     @property
     def is_long(self) -> bool:
         """Whether a step has more than ``WRITTEN_OUT`` rods or may need a local flow."""
-        may_flow = any(coupled is not None for coupled in self.couplings)
-        return may_flow or len(self.rods) > WRITTEN_OUT
+        return self.may_flow or len(self.rods) > WRITTEN_OUT
+
+    @property
+    def may_flow(self) -> bool:
+        """Whether a step may need a local flow."""
+        return any(coupled is not None for coupled in self.couplings)
+
+    @property
+    def is_kernel(self) -> bool:
+        """Whether steps are to be one kernel, where they can be."""
+        return self.may_flow and len(self.rods) <= IN_KERNEL
 
 
 class LinkState(NamedTuple):

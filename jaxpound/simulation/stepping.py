@@ -40,11 +40,13 @@ def step(
     dt: float,
     scheme: Scheme,
     starts: jax.Array,
+    ends: jax.Array,
 ) -> tuple[RunState, list[jax.Array], Instant]:
     """One step: the state at t_{m+1}, each rod's c_m for its history, and the instant t_m.
 
     ``sums`` are the history sums S_m of the rods that have one; ``ground`` is u'' at t_m and its
-    mean over the step from t_m − h/2 to t_m + h/2; ``starts`` says whether t_m = 0. The module
+    mean over the step from t_m − h/2 to t_m + h/2; ``starts`` and ``ends`` say whether the
+    run starts and ends at t_m. The module
     ``state`` describes the first step of a run that starts displaced.
     """
     acceleration, shaking = ground
@@ -56,7 +58,7 @@ def step(
     topology = system.topology
     x = state.of_all_masses(topology, before.x, [link.closing for link in before.links])
     elongations = [elongation(ends, x) for ends in topology.rods]
-    this = _Step(system, before, elongations, time, shaking, dt, scheme, starts)
+    this = _Step(system, before, elongations, time, shaking, dt, scheme, starts, ends)
 
     rod_steps = this.rod_steps(sums)
     yielding = [this.yielding(r, length) for r, length in enumerate(elongations)]
@@ -150,6 +152,7 @@ class _Step(NamedTuple):
     dt: float
     scheme: Scheme
     starts: jax.Array
+    ends: jax.Array
 
     def rod_steps(self, sums: Sequence[jax.Array]) -> list[RodStep]:
         """Force, excess and c_m of each rod at t_m; rods are relaxed as they are at the start."""
@@ -219,7 +222,9 @@ class _Step(NamedTuple):
             by_mass: dict[int, jax.Array] = {}
             for flow in flows:
                 shift = of_links(flow)
-                by_mass |= {i: share @ shift for i, share in flow.coupling.mass_shares.items()}
+                by_mass |= {
+                    i: (share * shift).sum() for i, share in flow.coupling.mass_shares.items()
+                }
             by_number = [by_mass.get(mass, 0.0) for mass in range(system.topology.n_masses)]
             return [elongation(ends, by_number) for ends in system.topology.rods]
 
@@ -248,6 +253,7 @@ class _Step(NamedTuple):
             rise=self._rise(pull, last, group.root == GROUND),
             time=self.time,
             starts=self.starts,
+            ends=self.ends,
             halfway=not starts_displaced,
             dt=self.dt,
             slots=self.system.slots,
@@ -363,7 +369,7 @@ def _shared(
     """The shift of a mass by changes of a group's closings, the centre of mass fixed."""
     coupled, topology = system.couplings[group], system.topology
     if coupled is not None:
-        return coupled.mass_shares[mass] @ jnp.stack(changes)
+        return (coupled.mass_shares[mass] * jnp.stack(changes)).sum()
     k, change = link_groups(topology)[group].links[0], changes[0]
     inverse = system.inverse_masses
     return change * inverse[mass] / state.link_inverse_mass(topology.links[k], inverse)

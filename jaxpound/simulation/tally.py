@@ -251,7 +251,7 @@ class Tally(NamedTuple):
         at_rest = RodInstant(zero, zero, zero)
         counter = jax.lax.stop_gradient(zero)  # numbers of instants have no derivatives
         softly = LogMeanExp(zero, zero, zero) if soft else None
-        zeros = ContactTally(*(zero,) * 12, Contact(*(zero,) * len(Contact._fields)))
+        zeros = ContactTally(*(zero,) * len(ContactTally._fields))
         never = zeros._replace(
             first=zero + jnp.inf, since_touch=counter + WINDOW, since_end=counter + WINDOW
         )
@@ -319,9 +319,17 @@ class Tally(NamedTuple):
         return jax.tree.map(lambda old, new: jnp.where(now.time < 0, old, new), self, observed)
 
     def demand(
-        self, constants: StepConstants, system: System, set_valued: bool, temperature: Any
+        self,
+        constants: StepConstants,
+        system: System,
+        ends: Sequence[Contact | None],
+        set_valued: bool,
+        temperature: Any,
     ) -> Demand:
-        """The scalars of all instants; ``set_valued`` says that |q| = μ in any slip."""
+        """The scalars of all instants; ``ends`` are the links' contacts after the last.
+
+        ``set_valued`` says that |q| = μ in any slip.
+        """
         slip_forces = [
             link.friction if set_valued and not link.velocity_friction else None
             for link in system.links
@@ -338,9 +346,9 @@ class Tally(NamedTuple):
                 for force, drift, more in zip(self.forces, drifts, yielded, strict=True)
             ),
             links=tuple(
-                tally.demand(link.gap, slip_force, temperature)
-                for tally, link, slip_force in zip(
-                    self.links, system.links, slip_forces, strict=True
+                tally.demand(link.gap, end, slip_force, temperature)
+                for tally, link, end, slip_force in zip(
+                    self.links, system.links, ends, slip_forces, strict=True
                 )
             ),
             pga=self.ground.largest,

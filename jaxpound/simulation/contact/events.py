@@ -47,13 +47,12 @@ def _replaced(y: jax.Array, links: jax.Array, **rows: jax.Array) -> jax.Array:
 
 
 class Snapshot(NamedTuple):
-    """The state of a flow in the middle of the step, as far as a ``MidStep`` needs it."""
+    """The state of a flow in the middle of the step, as far as results need it."""
 
     y: jax.Array
     slip: jax.Array
     contact: Contact
-    strongest: jax.Array
-    powers: jax.Array
+    log: StepLog
 
 
 class FlowState(NamedTuple):
@@ -65,7 +64,7 @@ class FlowState(NamedTuple):
     rising: jax.Array  # 1 while the contact force grows
     middle: Snapshot
     log: StepLog
-    stage: jax.Array  # 0 before the middle of the step, 1 after it, 2 at the end
+    ended: jax.Array  # 1 at the end of the step
     iterations: jax.Array
     length: jax.Array  # of the substep to try
     usual: jax.Array  # length that the error allows

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from importlib.metadata import version
 from typing import Any
 
 import jax
 from jax import lax
-from jax.extend.core import Jaxpr, jaxprs_in_params
 
 from jaxpound.model.contact import Newton
+from jaxpound.simulation import kernels
 from jaxpound.simulation.contact.derivatives import Program, in_both_modes
 from jaxpound.simulation.contact.dop853 import STAGES
 from jaxpound.simulation.contact.lanes import where_needed
@@ -18,29 +17,12 @@ from jaxpound.simulation.contact.local_flow import LocalFlow
 from jaxpound.simulation.contact.records import DISCRETE, Clock, FlowInput, FlowResult
 
 _LANES, _LANES_IN_REVERSE = 8, 2
-"""Lanes of a batch, at most, that are followed side by side by one kernel; in reverse each of them
-has a dozen columns."""
-
-_MOST_TERMS = 4095
-"""Most numbers of a sum for which XLA does not call a library, as a kernel cannot."""
+"""Lanes of a batch, at most, that are followed side by side where flows are no kernels; in reverse
+each of them has a dozen columns."""
 
 _TERMS, _MOST_LINKS = 7 * len(STAGES), 16
 """Numbers, for each link, of the largest sum in a flow: that of the weights by which a substep is
 interpolated. Up to so many links it is the largest; beyond, sums over pairs of links are longer."""
-
-_ONE_KERNEL = version("jaxlib").startswith("0.10.")
-"""Whether this version of XLA is known to make kernels of flows."""
-
-# fmt: off
-_ARITHMETIC = {
-    "abs", "add", "and", "atan", "atan2", "clamp", "convert_element_type", "copy", "cos", "cosh",
-    "custom_jvp_call", "div", "eq", "exp", "exp2", "expm1", "ge", "gt", "integer_pow", "is_finite",
-    "jit", "le", "log", "log1p", "logistic", "lt", "max", "min", "mul", "ne", "neg", "not", "or",
-    "pow", "rsqrt", "select_n", "sign", "sin", "sinh", "sqrt", "square", "stop_gradient", "sub",
-    "tan", "tanh",
-}
-# fmt: on
-"""Operations of a law of contact that may be part of a kernel."""
 
 
 def flow(
@@ -64,34 +46,22 @@ def flow(
 
 def _has_kernel(inputs: FlowInput) -> bool:
     """Whether XLA can make one kernel of the flow of these links."""
-    if not _ONE_KERNEL or jax.default_backend() != "cpu" or len(inputs.laws) > _MOST_LINKS:
+    if not kernels.are_available() or len(inputs.laws) > _MOST_LINKS:
         return False
     number = jax.ShapeDtypeStruct((), inputs.closing.dtype)
     laws = [law for law in inputs.laws if law is not None and not isinstance(law, Newton)]
     programs = [jax.make_jaxpr(law.force)(number, number, number) for law in laws]
     resistances = [law for law in inputs.resistances if law is not None]
     programs += [jax.make_jaxpr(law.resistance)(number) for law in resistances]
-    return all(_is_arithmetic(program.jaxpr) for program in programs)
-
-
-def _is_arithmetic(program: Jaxpr) -> bool:
-    """Whether a program, with those that it calls, has operations on single numbers only."""
-    return all(
-        step.primitive.name in _ARITHMETIC
-        and all(map(_is_arithmetic, jaxprs_in_params(step.params)))
-        for step in program.eqns
-    )
+    return all(kernels.is_arithmetic(program.jaxpr) for program in programs)
 
 
 @lru_cache(maxsize=64)
 def _differentiable(
     h: float, slots: int, faces: tuple[int, ...], links_of_kernel: int | None
 ) -> Program:
-    lanes, lanes_in_reverse, columns = _LANES, _LANES_IN_REVERSE, None
-    if links_of_kernel is not None:
-        most = _MOST_TERMS // (_TERMS * links_of_kernel)  # of lanes, or of columns
-        lanes, lanes_in_reverse = min(lanes, most), min(lanes_in_reverse, most)
-        columns = most // lanes_in_reverse
+    in_kernel = links_of_kernel is not None
+    columns = kernels.MOST_TERMS // (_TERMS * links_of_kernel) if links_of_kernel else None
 
     def run(inputs: FlowInput, constants: tuple[jax.Array, Clock]) -> FlowResult:
         local = LocalFlow(h, slots, faces, inputs, constants[1])
@@ -101,8 +71,8 @@ def _differentiable(
         return not (path[0].name == "contact" and path[1].name in DISCRETE)
 
     def in_lanes(program: Program, reverse: bool) -> Program:
-        width = lanes_in_reverse if reverse else lanes
-        work = where_needed(program, width, links_of_kernel is not None)
+        width = _LANES_IN_REVERSE if reverse else _LANES
+        work = where_needed(program, None if in_kernel else width)
 
         def mapped(inputs: FlowInput, constants: tuple[jax.Array, Clock], *more: Any) -> Any:
             return work(constants[0], inputs, constants, *more)

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._extrema import larger, smaller
-from jaxpound.model.contact import Newton, may_pull
+from jaxpound.model.contact import Newton, is_linear, may_pull
 from jaxpound.simulation.contact.records import PRESSED, REST, Contact, FlowInput, is_deformed
 
 
@@ -54,8 +54,8 @@ class Forces(NamedTuple):
 class LinkLaws:
     """The laws of a group of n links and f faces, those of contact bound to effective masses.
 
-    Where no law has a force and no friction depends on the velocity (not ``has_force``),
-    accelerations change linearly in time between events.
+    Where all forces of laws are linear and no friction depends on the velocity (``are_linear``),
+    forces are linear in time, closings and velocities between events.
     """
 
     def __init__(self, inputs: FlowInput, faces: tuple[int, ...]) -> None:
@@ -68,7 +68,8 @@ class LinkLaws:
         self.has_contact, self.has_newton = any(law is not None for law in laws), any(rigid)
         self.has_contact_force = any(law is not None for law in self.forces)
         self.has_resistance = any(law is not None for law in self.resistances)
-        self.has_force = self.has_contact_force or self.has_resistance
+        forces = [law for law in self.forces if law is not None]
+        self.are_linear = not self.has_resistance and all(map(is_linear, forces))
         self.rigid = jnp.asarray(rigid)
         self.has_law = jnp.asarray([law is not None for law in laws])
         clips = [law is not None and not may_pull(law) for law in self.forces]
@@ -76,6 +77,21 @@ class LinkLaws:
         self.gap = jnp.where(self.has_law, inputs.gap, 0.0)  # finite
         restitutions = [law.restitution if isinstance(law, Newton) else 1.0 for law in laws]
         self.restitution = jnp.stack([jnp.asarray(e, self.dtype) for e in restitutions])
+
+    @property
+    def rate(self) -> jax.Array:
+        """Bound of the rates, frequencies and decays, of motions under linear laws, in 1/time."""
+        zero = jnp.zeros((), self.dtype)
+        slopes = [
+            (zero, zero) if law is None else jax.grad(law.force, (0, 1))(zero, zero, zero)
+            for law in self.forces
+        ]
+        weights = [jnp.sqrt(jnp.abs(jnp.stack(of_laws))) for of_laws in zip(*slopes, strict=True)]
+        stiffness, damping = (
+            (weight[:, None] * jnp.abs(self.delassus) * weight[None]).sum(1).max()
+            for weight in weights
+        )
+        return damping / 2 + jnp.sqrt(damping**2 / 4 + stiffness)
 
     @property
     def is_link(self) -> jax.Array:

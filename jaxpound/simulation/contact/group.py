@@ -36,6 +36,7 @@ from jaxpound.simulation.contact.forces import (
     of_either_face,
     response,
     seen_by_faces,
+    times,
 )
 from jaxpound.simulation.contact.records import APART, PRESSED, Contact, FlowInput, FlowResult
 from jaxpound.simulation.friction import EventResolved, LinkMotion, LinkStep
@@ -153,6 +154,7 @@ class GroupStep:
     rise: jax.Array  # A_m − A_{m−1}
     time: jax.Array
     starts: jax.Array  # whether t_m = 0
+    ends: jax.Array  # whether the run ends at t_m
     halfway: bool = dataclasses.field(metadata={"static": True})  # a run starts in mid-step
     dt: float = dataclasses.field(metadata={"static": True})  # h
     slots: int = dataclasses.field(metadata={"static": True})  # impacts of a face to be recorded
@@ -215,7 +217,7 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     state, h = before.state, before.dt
     # How far each link can close in the step at most.
     n = len(group.resistances)
-    pushed = jnp.abs(group.delassus) @ group.frictions[:n]
+    pushed = times(jnp.abs(group.delassus), group.frictions[:n])
     pushed = jnp.abs(seen_by_faces(pushed, before.faces))
     # A single link's friction opposes its slip: it adds to the closing only while the link opens.
     if n == 1:
@@ -242,7 +244,7 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
         contact=state.contact,
     )
     begin = jnp.where(before.starts & before.halfway, h / 2, 0.0).astype(before.velocity.dtype)
-    clock = records.Clock(before.time, begin)
+    clock = records.Clock(before.time, begin, before.ends)
     result = flow(h, before.slots, needed, inputs, clock, before.faces)
     # A single link that did not touch keeps its closed form.
     touched = ~(result.log.touched == 0).all()  # true for NaN
@@ -284,7 +286,7 @@ def finish_step(
     kick = before.pull - (velocity - before.velocity) / h
     motion_of_flow = LinkMotion(
         velocity=velocity,
-        mean_force=_of_links_alone(inverse_of(group.delassus) @ kick[:n], faces),
+        mean_force=_of_links_alone(times(inverse_of(group.delassus), kick[:n]), faces),
         force=at.friction,
         velocity_now=at.velocity + h / 2 * gain_now,
         jump=after - before.closing - h * velocity,

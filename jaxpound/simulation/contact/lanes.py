@@ -1,13 +1,10 @@
-"""A computation for those lanes of a batch that need it, in small groups.
+"""A computation for those lanes of a batch that need it, one after the other or in small groups.
 
 Under vmap a loop goes on until all lanes of the batch have finished, and every lane pays for every
-iteration. So ``where_needed`` gathers the lanes that need it into small groups, and runs the loop
-for one group after the other.
+iteration. So ``where_needed`` picks the lanes that need it, and runs the loop for them alone.
 
-On CPUs XLA starts each small operation of a program on its own, which takes longer than the
-operation. So the computation may be compiled as one kernel: XLA does that for calls that bear the
-attribute by which its own pass for small loops (``SmallWhileLoopHoistingPass``) marks them. All of
-a kernel's arguments are one array, as XLA fails where a kernel does not use an argument.
+The computation may be compiled as one kernel (``kernels``), which takes one lane after the other.
+Elsewhere lanes are taken in groups.
 """
 
 from __future__ import annotations
@@ -20,11 +17,12 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
-from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxpound.simulation.batches import on_each_device
+from jaxpound.simulation.kernels import in_kernel
 
 
 class _Layout(NamedTuple):
@@ -61,17 +59,11 @@ class _Layout(NamedTuple):
         return jax.tree.unflatten(self.tree, leaves)
 
 
-def where_needed(
-    work: Callable[..., Any], width: int, one_kernel: bool = False
-) -> Callable[..., Any]:
+def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable[..., Any]:
     """A function of ``(needed, *args)``: ``work(*args)`` if needed, else zeros.
 
-    A group has ``width`` lanes: enough to fill vector registers, few enough to finish together.
-
-    ``needed`` is a single truth value; ``args`` and the result are pytrees of real arrays. With
-    ``one_kernel``, on CPUs, the work of a group is compiled as one kernel. It may have loops and
-    branches, but no operation for which XLA calls a library or has a kernel of its own, such as
-    scatter, sort, products of matrices, or sums of 4,096 numbers and more.
+    ``needed`` is a single truth value; ``args`` and the result are pytrees of real arrays. Lanes of
+    a batch are taken in groups of a ``width``. Without one the work for all lanes is one kernel.
     """
 
     @partial(jax.jit, static_argnums=0)
@@ -79,11 +71,12 @@ def where_needed(
         result = work(*layout.pytree(column))
         return _Layout.of(result).column(result)
 
-    def kernel(layout: _Layout, column: jax.Array) -> jax.Array:
-        result = columns(layout, column)
-        if not one_kernel:
-            return result
-        return set_xla_metadata(result, xla_cpu_small_call="true", inlineable="false")
+    @partial(jax.jit, static_argnums=0)
+    def of_lanes(layout: _Layout, needed: jax.Array, args: Any, empty: jax.Array) -> jax.Array:
+        take = _one_by_one if width is None else partial(_in_groups, width)
+        return take(partial(columns, layout), layout, needed, args, empty)
+
+    call = in_kernel if width is None else lambda result: result
 
     @custom_vmap
     def single(needed: jax.Array, *args: Any) -> Any:
@@ -91,13 +84,18 @@ def where_needed(
         column = layout.column(args)
         # Derived from the input: constants would be the same on all devices, unlike the result.
         nothing = jnp.full(results.ends[-1], 0 * needed.astype(int), results.dtype)
-        return results.pytree(lax.cond(needed, lambda: kernel(layout, column), lambda: nothing))
+        return results.pytree(
+            lax.cond(needed, lambda: call(columns(layout, column)), lambda: nothing)
+        )
 
     @custom_vmap
     def many(needed: jax.Array, *args: Any) -> Any:
         lane = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), args)
         results = _Layout.of(jax.eval_shape(work, *lane))
-        out = _in_groups(kernel, width, needed, args, _Layout.of(lane), results)
+        # Derived from the input, as it may differ from device to device.
+        nothing = (0 * needed.sum()).astype(results.dtype)
+        empty = jnp.full((results.ends[-1], needed.shape[0]), nothing)
+        out = call(of_lanes(_Layout.of(lane), needed, args, empty))
         return jax.vmap(results.pytree, in_axes=1)(out)
 
     @single.def_vmap
@@ -127,15 +125,40 @@ def _repeated(size: int, batched: Any, args: Any) -> Any:
     )
 
 
-def _in_groups(
-    kernel: Callable[..., jax.Array],
-    width: int,
+def _one_by_one(
+    work: Callable[[jax.Array], jax.Array],
+    layout: _Layout,
     needed: jax.Array,
     args: Any,
-    layout: _Layout,
-    results: _Layout,
+    out: jax.Array,
 ) -> jax.Array:
-    """Columns of results, a lane each, which ``kernel`` makes of groups of columns."""
+    """Columns of results, a lane each, with those of the lanes that need it computed."""
+    size = needed.shape[0]
+    numbers = jnp.arange(size, dtype=np.int32)
+
+    def first(wanted: jax.Array) -> jax.Array:
+        return jnp.where(wanted, numbers, size).min()
+
+    def lane(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        number, out = carry
+        of_lane = [lax.dynamic_index_in_dim(x, number, 0, False) for x in jax.tree.leaves(args)]
+        # So that a kernel uses all arguments.
+        column = work(lax.optimization_barrier(layout.column(of_lane)))
+        out = lax.dynamic_update_index_in_dim(out, column, number, 1)
+        return first(needed & (numbers > number)), out
+
+    return lax.while_loop(lambda carry: carry[0] < size, lane, (first(needed), out))[1]
+
+
+def _in_groups(
+    width: int,
+    work: Callable[[jax.Array], jax.Array],
+    layout: _Layout,
+    needed: jax.Array,
+    args: Any,
+    out: jax.Array,
+) -> jax.Array:
+    """The same, by groups: enough lanes to fill registers, few enough to end together."""
     size, count = needed.shape[0], needed.sum()
     width = min(width, size)
 
@@ -147,9 +170,7 @@ def _in_groups(
         lanes = jnp.where(numbers < size, numbers, numbers[0])
         of_group = jax.tree.map(lambda x: jnp.take(x, lanes, axis=0, mode="clip"), args)
         columns = jax.vmap(layout.column, out_axes=1)(of_group)
-        columns = jax.vmap(partial(kernel, layout), in_axes=1, out_axes=1)(columns)
+        columns = jax.vmap(work, in_axes=1, out_axes=1)(columns)
         return done + width, out.at[:, numbers].set(columns, mode="drop")
 
-    none = 0 * count  # derived from the input, as it may differ from device to device
-    empty = jnp.zeros((results.ends[-1], size), results.dtype) + none.astype(results.dtype)
-    return lax.while_loop(lambda carry: carry[0] < count, group, (none, empty))[1]
+    return lax.while_loop(lambda carry: carry[0] < count, group, (0 * count, out))[1]

@@ -5,15 +5,17 @@ Within a step the links see only the pull A(t) of the rods and the ground, linea
     s'' = A(t) − G (q + p),    q ∈ μ Sgn(s'),    p = p(s − ξ0, s'),    G = B_lᵀ M⁻¹ B_l,
 
 with closings s, friction q and contact forces p. The flow solves this small problem event by event
-(``events``). Between events the motion is smooth. Where no link of the group has a law of contact
-with a force it is a cubic in time. Else an embedded Runge–Kutta method of order 8 integrates it:
-the stiffness of a contact sets its substeps, never the step of the run. Both give the links at any
-time of a substep, and so locate events by Newton steps in time. Their slope is recomputed, but not
+(``events``). Between events the motion is smooth. Where all forces are linear in the closings and
+their velocities it is a power series in time, a cubic where no contact is deformed. Else an
+embedded Runge–Kutta method of order 8 integrates it. The stiffness of a contact sets the substeps,
+never the step of the run. Both give the links at any time of a substep, and so locate events by
+Newton steps in time. Their slope is recomputed, but not
 differentiated, so that the derivative of the last step is that of the event's instant.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -26,7 +28,7 @@ from jaxpound.simulation.contact.dop853 import END, STAGES, error, weighted
 from jaxpound.simulation.contact.events import FlowState, Occurrence, Place, SmoothState, Snapshot
 from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, times
 from jaxpound.simulation.contact.records import PRESSED, FlowInput, FlowResult, MidStep, StepLog
-from jaxpound.simulation.contact.substeps import Flight, Integrated
+from jaxpound.simulation.contact.substeps import Integrated, Series
 from jaxpound.simulation.contact.zeros import first_zero
 
 _MOST_ITERATIONS = 4000  # iterations in a step
@@ -34,6 +36,7 @@ _AT_ONCE = 1e-10  # share of a step within which events are at the same instant
 _NEAR = 0.05  # longest Newton step to an event, as a share of the substep
 _NEWTON_STEPS = 3  # Newton steps to an event
 _JUST = 1.001  # length of a substep that should end just beyond an event, in units of its time
+_ORDER, _LONGEST = 12, 0.8  # of a series, and of a substep by it in units of 1/rate
 
 
 class _First(NamedTuple):
@@ -53,7 +56,7 @@ class LocalFlow:
         self.h, self.inputs = h, inputs
         self.n_faces, self.dtype = inputs.closing.shape[0], inputs.closing.dtype
         self.eps = float(jnp.finfo(self.dtype).eps)
-        self.tolerance = 1e-8 if self.eps < 1e-10 else 1e-5
+        self.tolerance = 1e-9 if self.eps < 1e-10 else 1e-5
         self.laws = LinkLaws(inputs, faces)
         self.setting = events.Setting(self.laws, clock, h, slots)
         self.events = events.table(self.laws)
@@ -76,24 +79,25 @@ class LocalFlow:
         empty |= {"highest_forces": zeros[:, None] * self.laws.delassus}
         slip = jnp.sign(lax.stop_gradient(w))
         touched = self._one_where(contact.mode != records.APART)
+        log = StepLog(**empty)._replace(touched=touched, farthest=zeros - jnp.inf)
         return FlowState(
             y=jnp.stack(y),
             slip=slip,
             contact=contact,
             rising=self._one_where(contact.mode == PRESSED),
-            middle=Snapshot(jnp.stack(y), slip, contact, zeros, zeros),
-            log=StepLog(**empty)._replace(touched=touched, farthest=zeros - jnp.inf),
-            stage=none,
+            middle=Snapshot(jnp.stack(y), slip, contact, log),
+            log=log,
+            ended=zeros[0],
             iterations=none,
-            length=self.h / 2 - begin[0],
-            usual=self.h + zeros[0],
+            length=self._longest(Regime.of(slip, contact), self.h - begin[0]),
+            usual=self.h / 2 + zeros[0],
             rejected=zeros[0],
         )
 
     def unfinished(self, x: FlowState) -> jax.Array:
         """Whether the flow has not reached the end of the step."""
         finite = jnp.isfinite(x.y).all() & jnp.isfinite(self.inputs.pull).all()
-        return (x.stage < 2) & (x.iterations < _MOST_ITERATIONS) & finite
+        return (x.ended < 1) & (x.iterations < _MOST_ITERATIONS) & finite
 
     def advance(self, x: FlowState) -> FlowState:
         """Try a substep: accept it, to its end or an event in it, or reject it as too long."""
@@ -101,33 +105,37 @@ class LocalFlow:
         begin = self._forces(x.y, regime, inverse)
         x = self._with_highest(x, begin)
         substep, worst = self._substep(x, begin, inverse)
-        stop = jnp.where(x.stage < 1, self.h / 2, self.h)
         # Which event is the first is not differentiated, only its instant.
         inputs = lax.stop_gradient((self.inputs, self.setting.clock))
         fixed = LocalFlow(self.h, 0, self.laws.faces, *inputs)
-        event, growth_end = fixed._first_event(*lax.stop_gradient((x, substep, stop, inverse)))
+        event = fixed._first_event(*lax.stop_gradient((x, substep, inverse)))
         wrong = (worst > 1) & self._is_integrated(regime)
-        place, now, growth = self._located(x, substep, event, stop, inverse)
+        y, place, rates = self._located(x, substep, event, inverse)
         after = x._replace(
-            y=jnp.where(wrong, x.y, place),
-            rising=jnp.where(wrong, x.rising, self._one_where(growth_end > 0)),
+            y=jnp.where(wrong, x.y, y),
+            middle=self._middle(x, substep, ~wrong & (y[0, 0] >= self.h / 2)),
+            rising=jnp.where(wrong, x.rising, self._one_where(place.growth > 0)),
             iterations=x.iterations + 1,
         )
         happens = ~wrong & jnp.isfinite(event.time)
         numbers = jnp.arange(len(self.events) * self.n_faces).reshape(-1, self.n_faces)
         links = happens & (numbers == event.number)
         for kind, which in zip(self.events, links, strict=True):
-            after = kind.effect(self.setting, after, Occurrence(which, now, growth, event.at_start))
+            after = kind.effect(
+                self.setting, after, Occurrence(which, place.forces, rates.forces, event.at_start)
+            )
             after = events.seen_from_both_sides(self.setting, after, which)
-        after = self._with_stop(after, happens & (event.number == numbers.size))
+        ends = happens & (event.number == numbers.size)
+        after = after._replace(ended=after.ended + self._one_where(ends))
         return self._with_next_length(after, substep.length, event, worst, wrong, regime)
 
-    def _with_stop(self, x: FlowState, stops: jax.Array) -> FlowState:
-        """The state after a stop of the flow: in the middle of the step it is kept."""
-        seen = Snapshot(x.y, x.slip, x.contact, x.log.strongest, x.log.powers)
-        keeps = stops & (x.stage == 0)
-        middle = jax.tree.map(lambda new, old: jnp.where(keeps, new, old), seen, x.middle)
-        return x._replace(middle=middle, stage=x.stage + jnp.where(stops, 1, 0))
+    def _middle(self, x: FlowState, substep: Series | Integrated, reached: jax.Array) -> Snapshot:
+        """The middle of the step: in this substep if it has ``reached`` the middle, or before."""
+        left = self.h / 2 - x.y[0, 0]
+        passes = reached & (left > 0)
+        y = substep.at(jnp.where(passes, left, 0.0))
+        seen = Snapshot(y, x.slip, x.contact, x.log)
+        return jax.tree.map(lambda new, old: jnp.where(passes, new, old), seen, x.middle)
 
     def _with_next_length(
         self,
@@ -139,12 +147,13 @@ class LocalFlow:
         regime: Regime,
     ) -> FlowState:
         """The state with the length of the next substep to try."""
-        stop = jnp.where(after.stage < 1, self.h / 2, self.h)
-        left = larger(stop - after.y[0, 0], 0.0)
+        left = larger(self.h - after.y[0, 0], 0.0)
+        if self.laws.are_linear:
+            return after._replace(length=self._longest(after.regime, left))
         # Where a law is singular, as at touch, the error decreases slowly with the length.
         factor = 0.9 * larger(worst, 1e-8) ** jnp.where(wrong, -0.25, -0.125)
         usual = length * jnp.clip(factor, 0.05, jnp.where(after.rejected > 0, 1.0, 4.0))
-        usual = jnp.minimum(jnp.where(wrong, usual, larger(usual, after.usual)), self.h)
+        usual = jnp.minimum(jnp.where(wrong, usual, larger(usual, after.usual)), self.h / 2)
         usual = jnp.where(self._is_integrated(regime), usual, after.usual)
         tried = jnp.where(self._is_integrated(after.regime), smaller(usual, left), left)
         # An event lies inside a rejected substep: retry with one that ends just past it.
@@ -153,13 +162,23 @@ class LocalFlow:
         usual, tried = lax.stop_gradient((usual, tried))
         return after._replace(usual=usual, length=tried, rejected=self._one_where(wrong))
 
+    def _longest(self, regime: Regime, left: jax.Array) -> jax.Array:
+        """Length of the substep to try, of the time that is left, where no error is known."""
+        longest: Any = self.h / 2
+        if self.laws.are_linear and self.laws.has_contact_force:
+            longest = _LONGEST / self.laws.rate
+        tried = jnp.where(self._is_integrated(regime), smaller(longest, left), left)
+        return lax.stop_gradient(tried)
+
     # -- a substep ----------------------------------------------------------------------------
 
     def _forces(self, y: jax.Array, regime: Regime, inverse: jax.Array | None = None) -> Forces:
-        t, s, w = y[:3]
-        if inverse is None:
-            inverse = self.laws.inverse(regime)
-        return self.laws.at(self.pull(t), s, w, regime, inverse)
+        inverse = self.laws.inverse(regime) if inverse is None else inverse
+        return self._forces_in(regime, inverse)(*y[:3])
+
+    def _forces_in(self, regime: Regime, inverse: jax.Array) -> Callable[..., Forces]:
+        """The forces in a regime as a function of time, closings and velocities."""
+        return lambda t, s, w: self.laws.at(self.pull(t), s, w, regime, inverse)
 
     def _is_integrated(self, regime: Regime) -> jax.Array:
         """Whether a substep has an error, that of the Runge–Kutta method."""
@@ -178,12 +197,13 @@ class LocalFlow:
 
     def _substep(
         self, x: FlowState, begin: Forces, inverse: jax.Array
-    ) -> tuple[Flight | Integrated, jax.Array]:
+    ) -> tuple[Series | Integrated, jax.Array]:
         """A substep, and its error in units of the tolerance."""
         y, length, regime = x.y, x.length, x.regime
-        if not self.laws.has_force:
-            last = self._forces(y.at[0].add(length), regime, inverse)
-            return Flight(y, length, begin, last), 0 * length
+        if self.laws.are_linear:
+            _, change = jax.linearize(self._forces_in(regime, inverse), *y[:3])
+            order = _ORDER if self.laws.has_contact_force else 4
+            return Series.of(y, length, begin, change, order), 0 * length
 
         # Scan over the stages: unrolled, they would dominate compile time.
         def stage(slopes: jax.Array, entry: Any) -> Any:
@@ -198,14 +218,18 @@ class LocalFlow:
 
         still, speed, a = lax.stop_gradient((slopes, y[2], begin.acceleration))
         end = speed + length * weighted(jnp.asarray(END, self.dtype), still[:, 2])
-        sizes = larger(jnp.abs(speed), jnp.abs(end)) + length * jnp.abs(a)
-        sizes += jnp.where(regime.mode == PRESSED, lax.stop_gradient(regime.touch_speed), 0.0)
+        speeds = larger(jnp.abs(speed), jnp.abs(end)) + length * jnp.abs(a)
+        speeds += jnp.where(regime.mode == PRESSED, lax.stop_gradient(regime.touch_speed), 0.0)
+        speeds += jnp.finfo(self.dtype).tiny ** 0.5
         # A link that has just broken away is as inexact as the accelerations that cancel in it.
         parts = jnp.abs(self.inputs.pull) + times(jnp.abs(self.laws.delassus), jnp.abs(begin.total))
         rounding = 8 * self.eps * length * lax.stop_gradient(parts)
-        sizes = self.tolerance * sizes + rounding + jnp.finfo(self.dtype).tiny
-        errors = error(still[:, 1:3])
-        worst = (larger(length * errors[1], errors[0]) / sizes).max()
+        sizes = self.tolerance * speeds + rounding
+        errors = error(still[:, [1, 2, 4]])
+        # The rate of the stored energy has a kink where a clipped contact ends.
+        error_of_energy = errors[2] / (self.laws.mass * speeds)
+        errors = larger(larger(length * errors[1], errors[0]), length * error_of_energy)
+        worst = (errors / sizes).max()
         worst = jnp.where(worst < 1e8, worst, 1e8)
         return Integrated(y, length, slopes[:, 1:]), worst
 
@@ -235,11 +259,7 @@ class LocalFlow:
         The values have the shape (events, n).
         """
         (t, s, w), regime = y[:3], x.regime
-
-        def forces(t: jax.Array, s: jax.Array, w: jax.Array) -> Forces:
-            return self.laws.at(self.pull(t), s, w, regime, inverse)
-
-        now, along = jax.linearize(forces, t, s, w)
+        now, along = jax.linearize(self._forces_in(regime, inverse), t, s, w)
         a = now.acceleration
         change = along(jnp.ones_like(t), w, a)
         growth = bend = jnp.zeros_like(s)
@@ -257,9 +277,9 @@ class LocalFlow:
         return place, rate, *jax.jvp(values, (place,), (rate,))
 
     def _first_event(
-        self, x: FlowState, substep: Flight | Integrated, stop: jax.Array, inverse: jax.Array
-    ) -> tuple[_First, jax.Array]:
-        """The first event in a substep, and the growths of the laws' forces at its end."""
+        self, x: FlowState, substep: Series | Integrated, inverse: jax.Array
+    ) -> _First:
+        """The first event in a substep."""
         length = substep.length
         both = jnp.stack([x.y, substep.at(length)])
         places, _, values, slopes = jax.vmap(lambda y: self._values(x, y, inverse))(both)
@@ -286,23 +306,22 @@ class LocalFlow:
         )
         shares = jnp.where(of_force & (values[0] < -noise), 0.0, shares)
         instants = jnp.where(armed & (shares <= 1), shares * length, jnp.inf).ravel()
-        at_stop = x.y[0, 0] + length >= stop - 1e-12 * self.h
-        instants = jnp.append(instants, jnp.where(at_stop, stop - x.y[0, 0], jnp.inf))
+        ends = x.y[0, 0] + length >= (1 - 1e-12) * self.h
+        instants = jnp.append(instants, jnp.where(ends, self.h - x.y[0, 0], jnp.inf))
         number = jnp.argmin(instants)
         time = instants[number]
-        return _First(time, number, time <= _AT_ONCE * self.h), places.growth[1]
+        return _First(time, number, time <= _AT_ONCE * self.h)
 
     def _located(
         self,
         x: FlowState,
-        substep: Flight | Integrated,
+        substep: Series | Integrated,
         event: _First,
-        stop: jax.Array,
         inverse: jax.Array,
-    ) -> tuple[jax.Array, Forces, Forces]:
-        """The state at an event, or at the end of a substep without one.
+    ) -> tuple[jax.Array, Place, Place]:
+        """The state at an event, or at the end of a substep without one; the links there.
 
-        With the forces there, and their time derivatives.
+        The last are their time derivatives.
         """
         length, exists = substep.length, jnp.isfinite(event.time)
         # An event at a start with a longer step comes from a jump of the forces: it stays there.
@@ -313,16 +332,17 @@ class LocalFlow:
             time = lax.stop_gradient(state[0])
             y = substep.at(time)
             place, rate, values, slopes = self._values(x, y, inverse)
-            value, slope = jnp.append(values, stop - y[0, 0]), jnp.append(slopes, -1.0)
+            value, slope = jnp.append(values, self.h - y[0, 0]), jnp.append(slopes, -1.0)
             value, slope = value[event.number], lax.stop_gradient(slope[event.number])
             step = jnp.where(exists & (slope != 0), -value / jnp.where(slope == 0, 1.0, slope), 0.0)
             step = jnp.where(jnp.abs(step) <= near, step, jnp.sign(step) * farthest)
             moved = y + step * self._rates(y, place.forces)
-            return jnp.clip(time + step, 0.0, length), moved, place.forces, rate.forces
+            return jnp.clip(time + step, 0.0, length), moved, place, rate
 
         time = jnp.where(event.at_start, 0.0, jnp.where(exists, event.time, length))
-        nothing = Forces(*[jnp.zeros_like(x.y[0])] * len(Forces._fields))
-        start = time, x.y, nothing, nothing
+        zero = jnp.zeros_like(x.y[0])
+        nowhere = Place(zero, zero, Forces(*[zero] * len(Forces._fields)), zero)
+        start = time, x.y, nowhere, nowhere
         return lax.fori_loop(0, _NEWTON_STEPS, nearer, start)[1:]
 
     # -- the end ------------------------------------------------------------------------------
@@ -330,29 +350,35 @@ class LocalFlow:
     def result(self, x: FlowState) -> FlowResult:
         """The result of a flow from the state in which it ended."""
         # NaN in what the run goes on from makes all of its results NaN.
-        poison = jnp.where(x.stage == 2, 1.0, jnp.nan).astype(self.dtype)
-        y, contact = x.y * poison, x.contact
-        at, middle = SmoothState(*y), x.middle._replace(y=x.middle.y * poison)
-        unpressed = jnp.where(contact.mode == PRESSED, records.CLIPPED, contact.mode)
+        poison = jnp.where(x.ended > 0, 1.0, jnp.nan).astype(self.dtype)
+        y, middle = x.y * poison, x.middle._replace(y=x.middle.y * poison)
+        at, mode = SmoothState(*y), x.contact.mode
+        unpressed = jnp.where(mode == PRESSED, records.CLIPPED, mode)
         end = self._forces(y, x.regime._replace(mode=unpressed))
+        now, until_middle = self._midstep(middle)
+        until_end = x.contact._replace(impulse=at.impulse), at.stored, at.lost, x.log
+        contact, stored, lost, log = jax.tree.map(
+            lambda a, b: jnp.where(self.setting.clock.ends, a, b), until_middle, until_end
+        )
         return FlowResult(
             closing=at.s,
             velocity=at.w,
             acceleration=end.acceleration,
             held=self._one_where(x.regime.held),
             mean=at.area / self.h,
-            stored=at.stored,
-            lost=at.lost,
-            contact=contact._replace(impulse=at.impulse),
-            now=self._midstep(middle),
-            log=x.log._replace(touched=x.log.touched * poison),  # so that a failure is used
+            contact=contact,
+            stored=stored,
+            lost=lost,
+            now=now,
+            log=log._replace(touched=log.touched * poison),  # so that a failure is used
         )
 
-    def _midstep(self, middle: Snapshot) -> MidStep:
+    def _midstep(self, middle: Snapshot) -> tuple[MidStep, tuple[Any, ...]]:
+        """The links in the middle; and their contact, its energies and the log until then."""
         at, regime = SmoothState(*middle.y), Regime.of(middle.slip, middle.contact)
-        forces = self._forces(middle.y, regime)
-        peak = larger(middle.contact.peak_force, forces.contact)
-        return MidStep(
+        forces, contact, log = self._forces(middle.y, regime), middle.contact, middle.log
+        peak = larger(contact.peak_force, forces.contact)
+        now = MidStep(
             closing=at.s,
             velocity=at.w,
             friction=self.laws.of_links_alone(forces.friction),
@@ -360,10 +386,10 @@ class LocalFlow:
             stored=at.stored,
             lost=at.lost,
             held=self._one_where(regime.held),
-            contact=middle.contact._replace(impulse=at.impulse, peak_force=peak),
-            strongest=middle.strongest,
-            powers=middle.powers,
         )
+        contact = contact._replace(impulse=at.impulse, peak_force=peak)
+        log = log._replace(highest=larger(log.highest, forces.contact))
+        return now, (contact, at.stored, at.lost, log)
 
     def _one_where(self, holds: jax.Array) -> jax.Array:
         return jnp.where(holds, 1.0, 0.0).astype(self.dtype)

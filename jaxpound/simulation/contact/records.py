@@ -58,6 +58,7 @@ class Clock(NamedTuple):
 
     middle: jax.Array  # time of the run in the middle of the step
     begin: jax.Array  # from the start of the step: 0, or h/2 if the run starts in mid-step
+    ends: jax.Array  # whether the run ends in mid-step
 
 
 class Impacts(NamedTuple):
@@ -103,21 +104,21 @@ class MidStep(NamedTuple):
     stored: jax.Array  # change of the energy stored in contact until then
     lost: jax.Array  # lost by contact until then
     held: jax.Array  # 1 where the closing cannot change: stick or rest
-    contact: Contact
-    strongest: jax.Array  # largest impulse of impacts that ended until then
-    powers: jax.Array
 
 
 class FlowResult(NamedTuple):
-    """Result of a flow, (f,) each."""
+    """Result of a flow, (f,) each.
+
+    Where the run ends in mid-step, contact, energies and the log are those until then.
+    """
 
     closing: jax.Array  # at the end
     velocity: jax.Array
     acceleration: jax.Array  # at the end, without the force of a contact law
     held: jax.Array  # 1 where the closing cannot change at the end: stick or rest
     mean: jax.Array  # mean closing over the step
+    contact: Contact  # at the end
     stored: jax.Array  # change of the energy stored in contact
     lost: jax.Array  # lost by contact
-    contact: Contact  # at the end
     now: MidStep
     log: StepLog

@@ -6,10 +6,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from jaxpound._extrema import larger, smaller
 
 _STEEPEST = 1e3  # largest slope, over the values
+_ITERATIONS = 3  # of Laguerre's method
 
 
 def first_zero(
@@ -18,8 +20,9 @@ def first_zero(
     """Where a cubic on [0, 1] first falls below zero; inf if it never falls below −``noise``.
 
     The cubic is given by its values and slopes at both ends; its ``start`` is ≥ 0. The zero in its
-    first monotone part that ends below zero is found by Laguerre's method, safeguarded by halving.
-    Unless it ``may_return``, only a cubic that ends below zero counts.
+    first monotone part that ends below zero is found by Laguerre's method, safeguarded by halving,
+    from that of the parabola with the same value and slope where that part starts and the same
+    value where it ends. Unless it ``may_return``, only a cubic that ends below zero counts.
     """
     # Some forces start with an infinite slope, in which all other numbers would be lost.
     steepest = _STEEPEST * (jnp.abs(start) + jnp.abs(end))
@@ -28,6 +31,9 @@ def first_zero(
 
     def cubic(x: Any) -> Any:
         return start + x * (slope + x * (bend + x * twist))
+
+    def growth(x: Any) -> Any:
+        return slope + x * (2 * bend + x * 3 * twist)
 
     # Extrema, where slope + 2 bend x + 3 twist x² = 0; 0 for those outside.
     root = jnp.sqrt(larger(bend**2 - 3 * twist * slope, 0.0))
@@ -40,14 +46,22 @@ def first_zero(
     high = jnp.where(at_early, early, jnp.where(at_late, late, 1.0))
     falls = at_early | at_late | (end < -noise)
 
-    first, x = low, (low + high) / 2
-    starts_there = cubic(first) <= noise
-    for _ in range(4):
-        y, fall = cubic(x), slope + x * (2 * bend + x * 3 * twist)
+    # Else XLA would compute all this anew for each result.
+    low, high, slope, bend, twist = lax.optimization_barrier((low, high, slope, bend, twist))
+    first, width, value, fall = low, high - low, cubic(low), (high - low) * growth(low)
+    starts_there = value <= noise
+    root = jnp.sqrt(larger(fall**2 - 4 * value * (cubic(high) - value - fall), 0.0))
+    x = low + width * jnp.clip(2 * value / _nonzero(root - fall), 0.0, 1.0)
+
+    def nearer(_: Any, state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        x, low, high = state
+        y, fall = cubic(x), growth(x)
         low, high = jnp.where(y > 0, x, low), jnp.where(y > 0, high, x)
         root = jnp.sqrt(larger(4 * fall**2 - 12 * y * (bend + x * 3 * twist), 0.0))
         step = x - 3 * y / _nonzero(fall - root)
-        x = jnp.where((step >= low) & (step <= high), step, (low + high) / 2)
+        return jnp.where((step >= low) & (step <= high), step, (low + high) / 2), low, high
+
+    x = lax.fori_loop(0, _ITERATIONS, nearer, (x, low, high))[0]
     return jnp.where(falls, jnp.where(starts_there, first, x), jnp.inf)
 
 

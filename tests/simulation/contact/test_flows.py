@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
-from jaxpound.simulation.contact import flows
+from jaxpound.simulation import kernels
 from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.records import SLOTS, Clock, Contact, FlowInput
 from tests.reference import load
@@ -29,7 +29,7 @@ LAWS = {
     "jankowski": jp.Jankowski,
     "newton": lambda _, e: jp.Newton(e),
 }
-AT_START = Clock(jnp.zeros(()), jnp.zeros(()))
+AT_START = Clock(jnp.zeros(()), jnp.zeros(()), jnp.asarray(False))
 
 
 def given(law, velocity, gap, delassus=1.0, friction=0.0, pull=0.0, rise=0.0):
@@ -188,12 +188,12 @@ def operations(program):
 
 def test_a_flow_is_the_same_as_one_kernel_and_not(monkeypatch):
     """By a law of so many numbers, too, that a kernel cannot have all columns side by side."""
-    assert operations(jax.make_jaxpr(any_arithmetic)(0.1).jaxpr) == flows._ARITHMETIC
+    assert operations(jax.make_jaxpr(any_arithmetic)(0.1).jaxpr) == kernels.ARITHMETIC
     shares = (0.0,) * 12
     speed = jax.value_and_grad(lambda shares: speed_after(40.0, shares, any_arithmetic))
     program = jax.jit(speed).lower(shares)
     assert 'xla_cpu_small_call = "true"' in program.as_text()
-    monkeypatch.setattr(flows, "_ONE_KERNEL", False)
+    monkeypatch.setattr(kernels, "_KNOWN", False)
     value, slopes = program.compile()(shares)
     plain_value, plain_slopes = jax.jit(lambda shares: speed(shares))(shares)
     assert float(value) == pytest.approx(float(plain_value), rel=1e-12)
@@ -208,7 +208,10 @@ def test_a_law_with_other_operations_is_not_made_a_kernel():
         ones = jnp.sort(jnp.stack([penetration + 1, 1 + 0 * penetration]))[:1]
         return ones @ jnp.ones(1)
 
-    other, plain = jax.jit(lambda x: speed_after(x, (), factor)), jax.jit(speed_after)
+    def one(penetration):
+        return 1 + 0 * penetration
+
+    other, plain = (jax.jit(lambda x, f=f: speed_after(x, (), f)) for f in (factor, one))
     assert "xla_cpu_small_call" not in other.lower(40.0).as_text()
     assert float(other(40.0)) == pytest.approx(float(plain(40.0)), rel=1e-12)
 
