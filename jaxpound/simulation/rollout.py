@@ -28,12 +28,13 @@ from jaxpound.ground.run_input import as_run
 from jaxpound.model.hysteresis import zener_of
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import Topology, load_on
+from jaxpound.model.topology import Topology, elongation, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
 from jaxpound.simulation.batches import spread
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
+from jaxpound.simulation.starting import AtRest, Displaced
 from jaxpound.simulation.state import (
     Instant,
     RunState,
@@ -53,6 +54,8 @@ class Rollout(NamedTuple):
     constants: StepConstants
     zero: jax.Array
     """0; NaN in a run whose input breaks a rule, which makes all of it NaN."""
+    starting: AtRest
+    """How it starts."""
     start: RunState
     extra: Any
     """The caller's further numbers, cast and spread as all others are."""
@@ -103,29 +106,28 @@ class Rollout(NamedTuple):
         displaced = velocities = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
-        constants = step_constants(system, dt, scheme.order, slots, displaced)
+        constants = step_constants(system, dt, scheme.order, slots)
         start = start_state(system, constants, zero, dt, displaced, velocities)
         shaking = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
         # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
         first = jax.tree.map(lambda x: x[0], shaking.series)
         first_acceleration = shaking.at(jnp.zeros((), dtype), first)[1]
         before = (dt * first_acceleration * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
+        starting = AtRest(before)
+        if displaced is not None:
+            ends = constants.topology.rods
+            starting = Displaced(tuple(elongation(rod, displaced) for rod in ends))
 
         def advance(state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
             time = m.astype(dtype) * dt
             now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
             a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
             starts, ends = m == 0, m == grid.n_steps
-            if initial is None:
-                v = jax.tree.map(lambda v: jnp.where(starts, before, v), state.v)
-                state = state._replace(v=v)
-            after = step(constants, state, sums, time, (a, mean), dt, scheme, starts, ends)
-            if initial is None:
-                return after
-            # Idle steps before the first change nothing.
-            idle = state, [zero] * len(sums)
-            kept = jax.tree.map(lambda old, new: jnp.where(m < 0, old, new), idle, after[:2])
-            return *kept, after[2]
+            state = starting.before(state, starts)
+            moved = constants, starting, state, sums, time, (a, mean), dt, scheme, starts, ends
+            *after, instant = step(*moved)
+            idle = [state, [zero] * len(sums)]
+            return *starting.kept(time, idle, after), instant
 
         scan = partial(
             scan_with_history,
@@ -137,7 +139,7 @@ class Rollout(NamedTuple):
             looped=constants.is_long,
             kernel=constants.is_kernel,
         )
-        return Rollout(system, constants, zero, start, extra, advance, scan)
+        return Rollout(system, constants, zero, starting, start, extra, advance, scan)
 
 
 @jax.custom_jvp

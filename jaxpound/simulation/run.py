@@ -243,7 +243,7 @@ def _run(
     def advance(carry: Any, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
         state, tally = carry
         state, c, now = run.advance(state, sums, m, entry)
-        tally = tally.observe(now, run.constants, grid.dt, m == n, temperature)
+        tally = tally.observe(now, run.constants, run.starting, grid.dt, m == n, temperature)
         return (state, tally), c, StoredSeries.of(now, tally) if keep else None
 
     closings = [link.closing for link in run.start.links]

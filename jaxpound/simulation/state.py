@@ -1,9 +1,4 @@
-"""The state of a system between two steps, the constants of its steps, and an instant of it.
-
-A run that starts displaced or moving has its velocities at t = 0 itself in the place of those half
-a step before, and its first kick is half a step long: a whole one with half the shaking and twice
-the masses.
-"""
+"""The state of a system between two steps, the constants of its steps, and an instant of it."""
 
 from __future__ import annotations
 
@@ -11,7 +6,6 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
@@ -22,7 +16,6 @@ from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
-from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, RodInstant
 
 IN_KERNEL = 8
@@ -51,7 +44,6 @@ class StepConstants(NamedTuple):
     couplings: tuple[Coupling | None, ...]  # by group of links; None without a local flow
     inerters: Inerters | None
     slots: int  # impacts recorded for each link in one step
-    initial_elongations: tuple[jax.Array, ...] | None  # of the rods; None at rest
 
     @property
     def is_long(self) -> bool:
@@ -120,13 +112,8 @@ class Instant(NamedTuple):
     links: tuple[LinkInstant, ...]
 
 
-def step_constants(
-    system: System, dt: float, order: int, slots: int, displaced: Sequence[Any] | None = None
-) -> StepConstants:
-    """The constants of a run with steps of ``dt`` that records up to ``slots`` impacts in each.
-
-    ``displaced`` are the displacements of all masses from which it starts; None for one at rest.
-    """
+def step_constants(system: System, dt: float, order: int, slots: int) -> StepConstants:
+    """The constants of a run with steps of ``dt`` that records up to ``slots`` impacts in each."""
     topology, inverse = system.topology, tuple(1 / m for m in system.masses)
     rods = tuple(
         SpringLaw(rod.stiffness)
@@ -145,12 +132,9 @@ def step_constants(
     flowing = [group if needs_flow(group, links) else None for group in groups]
     inerters = Inerters.of(system, inverse)
     couplings = each(lambda group: coupling(topology, group, links, inverse, inerters), flowing)
-    initial = None
-    if displaced is not None:
-        initial = tuple(elongation(ends, displaced) for ends in topology.rods)
     frictions = tuple(link.friction for link in links)
     of_links = frictions, couplings, inerters, slots
-    return StepConstants(topology, inverse, rods, hysteresis, *of_links, initial)
+    return StepConstants(topology, inverse, rods, hysteresis, *of_links)
 
 
 def start_state(
@@ -183,50 +167,6 @@ def start_state(
         yielding.append(state)
     excess = tuple(None if isinstance(law, SpringLaw) else zero for law in constants.rods)
     return RunState(of_free(x), of_free(v), excess, tuple(yielding), tuple(links))
-
-
-def for_half_kick(system: StepConstants, share: jax.Array) -> StepConstants:
-    """Inverse masses times the share: the first kick is half a step."""
-    inverse_masses = tuple(share * inverse for inverse in system.inverse_masses)
-    couplings = each(lambda x: x._replace(delassus=share * x.delassus), system.couplings)
-    inerters = system.inerters and system.inerters.for_masses_over(share)
-    return system._replace(inverse_masses=inverse_masses, couplings=couplings, inerters=inerters)
-
-
-def motion_at_start(motion: LinkMotion, link: LinkState, starts: jax.Array) -> LinkMotion:
-    """Motion of a link whose run does not start at rest: nothing turns before t = 0."""
-    return motion._replace(
-        velocity_now=jnp.where(starts, link.velocity, motion.velocity_now),
-        jump=jnp.where(starts, 0.0, motion.jump),
-        turns=motion.turns & ~starts,
-        turn_time=jnp.where(starts, 0.0, motion.turn_time),
-        turn=jnp.where(starts, 0.0, motion.turn),
-        change_time=jnp.where(starts, 0.0, motion.change_time),
-    )
-
-
-def contact_at_start(
-    contact: ContactState | None, link: LinkState, motion: LinkMotion, starts: jax.Array, dt: float
-) -> ContactState | None:
-    """State of contact after the first half step of such a run."""
-    if contact is None:
-        return None
-    before = link.closing + dt / 4 * (link.velocity + motion.velocity)
-    return contact._replace(closing_before=jnp.where(starts, before, contact.closing_before))
-
-
-def motion_from_rest(motion: LinkMotion, starts: jax.Array, scheme: Scheme) -> LinkMotion:
-    """Motion of a sliding bearing: from rest at t = 0 it has half a step, as free masses have.
-
-    A link between two masses needs no such start: it has no load before the ground moves them.
-    """
-    share = jnp.where(starts, 0.5 if scheme.start == "rest" else 0.0, 1.0)
-    share = share.astype(motion.velocity.dtype)
-    return motion._replace(
-        velocity=share * motion.velocity,
-        velocity_now=jnp.where(starts, 0.0, motion.velocity_now),
-        jump=jnp.where(starts, 0.0, motion.jump),
-    )
 
 
 def of_all_masses(

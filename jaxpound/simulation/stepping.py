@@ -27,12 +27,14 @@ from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
+from jaxpound.simulation.starting import AtRest
 from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
 from jaxpound.simulation.yielding import HysteresisStep, hysteresis_step, moved, observed
 
 
 def step(
     system: StepConstants,
+    start: AtRest,
     before: RunState,
     sums: Sequence[jax.Array],
     time: jax.Array,
@@ -46,19 +48,15 @@ def step(
 
     ``sums`` are the history sums S_m of the rods that have one; ``ground`` is u'' at t_m and its
     mean over the step from t_m − h/2 to t_m + h/2; ``starts`` and ``ends`` say whether the
-    run starts and ends at t_m. The module
-    ``state`` describes the first step of a run that starts displaced.
+    run starts and ends at t_m, and ``start`` how it starts.
     """
     acceleration, shaking = ground
-    share: Any = 1.0
     whole = system
-    if starts_displaced := system.initial_elongations is not None:
-        share = jnp.where(starts, 0.5, 1.0).astype(time.dtype)
-        system, shaking = state.for_half_kick(system, share), share * shaking
+    system, shaking = start.kick(system, shaking, starts)
     topology = system.topology
     x = state.of_all_masses(topology, before.x, [link.closing for link in before.links])
     elongations = [elongation(ends, x) for ends in topology.rods]
-    this = _Step(system, before, elongations, time, shaking, dt, scheme, starts, ends)
+    this = _Step(system, start, before, elongations, time, shaking, dt, scheme, starts, ends)
 
     rod_steps = this.rod_steps(sums)
     yielding = [this.yielding(r, length) for r, length in enumerate(elongations)]
@@ -71,17 +69,14 @@ def step(
         forces, loads, pulls = this.loads(rod_steps, yielding)
 
     closings, contacts, motions = this.motions(pulls, flows)
-    if starts_displaced:
-        pulls = [pull / share for pull in pulls]
     free = {
         mass: this.kick_and_drift(mass, loads[mass], motions, closings)
         for mass in range(topology.n_masses)
         if before.x[mass] is not None
     }
-    if starts_displaced:
-        for mass, moved in free.items():
-            v: Any = before.v[mass]
-            free[mass] = moved._replace(v_now=jnp.where(starts, v, moved.v_now))
+    for mass, moved_mass in free.items():
+        v: Any = before.v[mass]
+        free[mass] = moved_mass._replace(v_now=start.velocity_now(moved_mass.v_now, v, starts))
 
     def of_free(name: str) -> tuple[jax.Array | None, ...]:
         return tuple(getattr(free.get(mass), name, None) for mass in range(topology.n_masses))
@@ -91,7 +86,7 @@ def step(
             closing=link.closing + dt * motions[k].velocity + motions[k].jump,
             velocity=motions[k].velocity,
             phase=motions[k].phase,
-            pull=pulls[k],
+            pull=start.pull(pulls[k], starts),
             contact=contacts[k],
         )
         for k, link in enumerate(before.links)
@@ -145,6 +140,7 @@ class _Step(NamedTuple):
     """The inputs of a step, and its parts."""
 
     system: StepConstants
+    start: AtRest  # of the run
     before: RunState  # the state at t_m
     elongations: list[jax.Array]  # of the rods, at t_m
     time: jax.Array
@@ -156,10 +152,7 @@ class _Step(NamedTuple):
 
     def rod_steps(self, sums: Sequence[jax.Array]) -> list[RodStep]:
         """Force, excess and c_m of each rod at t_m; rods are relaxed as they are at the start."""
-        initial, elongations = self.system.initial_elongations, self.elongations
-        if initial is not None:
-            elongations = [length - rest for length, rest in zip(elongations, initial, strict=True)]
-        remaining = iter(sums)
+        elongations, remaining = self.start.elongations(self.elongations), iter(sums)
         rods = zip(self.system.rods, self.before.excess, elongations, strict=True)
         return [
             RodStep(law.modulus * x, None, None)
@@ -173,21 +166,14 @@ class _Step(NamedTuple):
         law, before = self.system.hysteresis[rod], self.before.yielding[rod]
         if law is None or before is None:
             return None
-        starts = self.starts if self.system.initial_elongations is not None else None
-        return hysteresis_step(law, before, elongation, starts)
+        return hysteresis_step(law, before, elongation, self.start.hysteresis_starts(self.starts))
 
     def loads(
         self, rod_steps: Sequence[RodStep], yielding: Sequence[HysteresisStep | None]
     ) -> tuple[tuple[jax.Array, ...], list[jax.Array], list[jax.Array]]:
-        """Forces of the rods at t_m, mean loads on the masses, and mean pulls on the links.
-
-        Rods that are elongated at the start have constant forces besides.
-        """
+        """Forces of the rods at t_m, mean loads on the masses, and mean pulls on the links."""
         system = self.system
-        forces = tuple(rod.force for rod in rod_steps)
-        if system.initial_elongations is not None:
-            rods = zip(forces, system.rods, system.initial_elongations, strict=True)
-            forces = tuple(force + law.modulus * rest for force, law, rest in rods)
+        forces = self.start.forces(tuple(rod.force for rod in rod_steps), system.rods)
         forces = tuple(f - y.lost if y else f for f, y in zip(forces, yielding, strict=True))
         means = tuple(f - y.kink if y else f for f, y in zip(forces, yielding, strict=True))
         topology = system.topology
@@ -244,27 +230,20 @@ class _Step(NamedTuple):
         links = [self.before.links[k] for k in group.links]
         pull = jnp.stack([pulls[k] for k in group.links])
         last = jnp.stack([link.pull for link in links])
-        starts_displaced = self.system.initial_elongations is not None
         return GroupStep(
             closing=jnp.stack([link.closing for link in links]),
             velocity=jnp.stack([link.velocity for link in links]),
             state=jax.tree.map(lambda *y: jnp.stack(y), *(link.contact for link in links)),
             pull=pull,
-            rise=self._rise(pull, last, group.root == GROUND),
+            rise=self.start.rise(pull, last, self.starts, group.root == GROUND),
             time=self.time,
             starts=self.starts,
             ends=self.ends,
-            halfway=not starts_displaced,
+            halfway=self.start.halfway,
             dt=self.dt,
             slots=self.system.slots,
             faces=group.faces,
         )
-
-    def _rise(self, pull: jax.Array, last: jax.Array, on_ground: bool) -> jax.Array:
-        """The growth of a pull since the step before: none as the run starts under a load."""
-        if on_ground or self.system.initial_elongations is not None:
-            last = jnp.where(self.starts, pull, last)
-        return pull - last
 
     def motions(
         self, pulls: Sequence[jax.Array], flows: Sequence[_GroupFlow]
@@ -291,23 +270,22 @@ class _Step(NamedTuple):
                 plain = jax.tree.map(lambda *y: jnp.stack(y), *(motions[k] for k in group.links))
             else:
                 plain = contact_group.motion_without_events(coupled, before)
-                if group.root == GROUND and before.halfway:
-                    plain = state.motion_from_rest(plain, starts, self.scheme)
+                if group.root == GROUND:
+                    plain = self.start.on_ground(plain, starts, self.scheme)
                 plain = contact_group.with_other_faces(plain, group.faces)
             after = contact_group.finish_step(coupled, before, plain, result, used, pull_change)
             for k, of_link in _by_link(group, after).items():
                 closings[k], contacts[k], motions[k] = of_link
-        if system.initial_elongations is not None:
-            for k, link in enumerate(self.before.links):
-                closings[k] = jnp.where(starts, link.closing, closings[k])
-                motions[k] = state.motion_at_start(motions[k], link, starts)
-                contacts[k] = state.contact_at_start(contacts[k], link, motions[k], starts, self.dt)
+        for k, link in enumerate(self.before.links):
+            of_link = closings[k], contacts[k], motions[k]
+            started = self.start.link(link, *of_link, starts, self.dt)
+            closings[k], contacts[k], motions[k] = started
         return closings, contacts, motions
 
     def _slide(self, k: int, pull: jax.Array) -> LinkMotion:
         """Motion of a link that shares no mass, without contact."""
         link, ends, system = self.before.links[k], self.system.topology.links[k], self.system
-        rise = self._rise(pull, link.pull, GROUND in ends)
+        rise = self.start.rise(pull, link.pull, self.starts, GROUND in ends)
         inverse_mass = state.link_inverse_mass(ends, system.inverse_masses)
         if system.inerters is not None:
             inverse_mass = system.inerters.delassus[k, k]
@@ -315,8 +293,8 @@ class _Step(NamedTuple):
         motion = self.scheme.friction.slide(
             LinkStep(link.velocity, link.phase, pull, rise, inverse_mass, friction, self.dt)
         )
-        if GROUND in ends and system.initial_elongations is None:
-            return state.motion_from_rest(motion, self.starts, self.scheme)
+        if GROUND in ends:
+            return self.start.on_ground(motion, self.starts, self.scheme)
         return motion
 
     def kick_and_drift(

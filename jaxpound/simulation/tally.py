@@ -24,6 +24,7 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
+from jaxpound.simulation.starting import AtRest
 from jaxpound.simulation.state import (
     Instant,
     StepConstants,
@@ -280,14 +281,16 @@ class Tally(NamedTuple):
         )
 
     def observe(
-        self, now: Instant, system: StepConstants, dt: float, last: jax.Array, temperature: Any
+        self,
+        now: Instant,
+        system: StepConstants,
+        start: AtRest,
+        dt: float,
+        last: jax.Array,
+        temperature: Any,
     ) -> Tally:
-        """Add one instant; ``last`` says whether the run ends with it.
-
-        A run that does not start at rest has nothing before t = 0, and no parabola through it.
-        """
-        starts_displaced = system.initial_elongations is not None
-        smooth = now.time > dt if starts_displaced else True
+        """Add one instant; ``last`` says whether the run ends with it."""
+        smooth = start.smooth(now.time, dt)
         # Weights of the trapezoidal rule: half a step for the first instant and the last.
         share = jnp.where(last | (now.time <= 0), dt / 2, dt).astype(now.forces[0].dtype)
         turns = [link.motion.turns & (~last | (link.motion.turn_time <= 0)) for link in now.links]
@@ -314,9 +317,7 @@ class Tally(NamedTuple):
             rods=each(observe_rod, self.rods, system.hysteresis, now.rods, peaks),
             links=links,
         )
-        if not starts_displaced:
-            return observed
-        return jax.tree.map(lambda old, new: jnp.where(now.time < 0, old, new), self, observed)
+        return start.kept(now.time, self, observed)
 
     def demand(
         self,
