@@ -39,9 +39,9 @@ ARITHMETIC = {
 """Operations on single numbers that may be part of a kernel."""
 
 _OF_ARRAYS = {
-    "broadcast_in_dim", "concatenate", "dynamic_slice", "iota", "pad", "reduce_and", "reduce_max",
-    "reduce_min", "reduce_or", "reduce_sum", "remat2", "reshape", "scan", "slice", "split",
-    "squeeze", "stack", "transpose",
+    "broadcast_in_dim", "concatenate", "dynamic_slice", "iota", "optimization_barrier", "pad",
+    "reduce_and", "reduce_max", "reduce_min", "reduce_or", "reduce_sum", "remat2", "reshape",
+    "scan", "slice", "split", "squeeze", "stack", "transpose",
 }
 # fmt: on
 
@@ -67,7 +67,7 @@ def in_kernel(result: Any) -> Any:
 def as_kernel(function: Callable[..., Any], *args: Any, wanted: bool = True) -> Any:
     """``function(*args)``, as one kernel where that can be made, unless it is differentiated.
 
-    Calls with a batching rule of their own (``where_needed``) are taken for such as can.
+    Calls with a batching rule of their own (``where_needed``) can be if they are marked themselves.
     """
     if not wanted or not are_available():
         return function(*args)
@@ -87,7 +87,7 @@ def as_kernel(function: Callable[..., Any], *args: Any, wanted: bool = True) -> 
 def _may_be_kernel(program: Jaxpr) -> bool:
     for step in program.eqns:
         name = step.primitive.name
-        if name == "custom_vmap_call":
+        if name == "custom_vmap_call" and any(map(_is_marked, jaxprs_in_params(step.params))):
             continue
         if name not in ARITHMETIC | _OF_ARRAYS:
             return False
@@ -96,6 +96,15 @@ def _may_be_kernel(program: Jaxpr) -> bool:
         if not all(map(_may_be_kernel, jaxprs_in_params(step.params))):
             return False
     return True
+
+
+def _is_marked(program: Jaxpr) -> bool:
+    """Whether a part of a program is a kernel."""
+    return any(
+        step.primitive.name == "xla_metadata_value"
+        or any(map(_is_marked, jaxprs_in_params(step.params)))
+        for step in program.eqns
+    )
 
 
 def _terms(step: Any) -> int:

@@ -1,10 +1,13 @@
 """Programs as one kernel."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxpound as jp
 from jaxpound.simulation.kernels import MOST_TERMS, as_kernel
 
 MARK = 'xla_cpu_small_call = "true"'
@@ -55,3 +58,31 @@ def test_what_xla_has_no_place_for_in_a_kernel_is_not_one(function):
     program = jax.jit(lambda x: as_kernel(function, x)).lower(x)
     assert MARK not in program.as_text()
     np.testing.assert_allclose(program.compile()(x), function(x))
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Sorted:
+    """A spring by an operation that a kernel cannot have."""
+
+    stiffness: float
+
+    def force(self, penetration, speed, touch_speed):
+        return self.stiffness * jnp.sort(jnp.stack([penetration, 0 * penetration]))[1]
+
+
+def test_runs_with_a_law_that_is_no_kernel_are_none():
+    """Alone and in a batch; a run with a law that is one has the same gap."""
+    grid, gaps = jp.TimeGrid.until(8.0, 0.05), jnp.asarray([0.05, 0.1])
+    batches = []
+    for law in (Sorted(300.0), jp.KelvinVoigt(300.0, restitution=1.0, tension=True)):
+
+        def gap(width, law=law):
+            pair = dataclasses.replace(jp.paper.structures(), initial_gap=width, contact=law)
+            return jp.demand(pair, jp.paper.ground(), grid).min_gap
+
+        marked = MARK in jax.jit(gap).lower(gaps[0]).as_text()
+        assert marked == isinstance(law, jp.KelvinVoigt)
+        batches.append(jax.jit(jax.vmap(gap))(gaps))
+    assert (batches[0] < 0).all()
+    np.testing.assert_allclose(*batches, rtol=1e-7)

@@ -3,7 +3,7 @@
 ``group`` is what a step uses: links that may touch or that share masses, and how their step ends.
 ``flows`` follows them from event to event where they need it: ``local_flow`` is its loop,
 ``events`` the table of what may happen, ``zeros`` finds when, and ``forces`` has the forces.
-``records`` holds inputs and results. ``derivatives`` makes a function with a loop differentiable in
-both modes, ``lanes`` computes it for those runs of a batch that need it, and ``dop853`` is the
-Runge–Kutta method.
+``substeps`` are the smooth motion between them: power series, or the Runge–Kutta method of
+``dop853``. ``records`` holds inputs and results. ``derivatives`` makes a function with a loop
+differentiable in both modes, and ``lanes`` computes it for those runs of a batch that need it.
 """

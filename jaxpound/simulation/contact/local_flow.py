@@ -9,8 +9,8 @@ with closings s, friction q and contact forces p. The flow solves this small pro
 their velocities it is a power series in time, a cubic where no contact is deformed. Else an
 embedded Runge–Kutta method of order 8 integrates it. The stiffness of a contact sets the substeps,
 never the step of the run. Both give the links at any time of a substep, and so locate events by
-Newton steps in time. Their slope is recomputed, but not
-differentiated, so that the derivative of the last step is that of the event's instant.
+Newton steps in time. Their slope is recomputed, but not differentiated, so that the derivative of
+the last step is that of the event's instant.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from jaxpound.simulation.contact.dop853 import END, STAGES, error, weighted
 from jaxpound.simulation.contact.events import FlowState, Occurrence, Place, SmoothState, Snapshot
 from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, times
 from jaxpound.simulation.contact.records import PRESSED, FlowInput, FlowResult, MidStep, StepLog
-from jaxpound.simulation.contact.substeps import Integrated, Series
+from jaxpound.simulation.contact.substeps import Integrated, PowerSeries
 from jaxpound.simulation.contact.zeros import first_zero
 
 _MOST_ITERATIONS = 4000  # iterations in a step
@@ -109,7 +109,7 @@ class LocalFlow:
         inputs = lax.stop_gradient((self.inputs, self.setting.clock))
         fixed = LocalFlow(self.h, 0, self.laws.faces, *inputs)
         event = fixed._first_event(*lax.stop_gradient((x, substep, inverse)))
-        wrong = (worst > 1) & self._is_integrated(regime)
+        wrong = (worst > 1) & self._is_limited(regime)
         y, place, rates = self._located(x, substep, event, inverse)
         after = x._replace(
             y=jnp.where(wrong, x.y, y),
@@ -129,7 +129,9 @@ class LocalFlow:
         after = after._replace(ended=after.ended + self._one_where(ends))
         return self._with_next_length(after, substep.length, event, worst, wrong, regime)
 
-    def _middle(self, x: FlowState, substep: Series | Integrated, reached: jax.Array) -> Snapshot:
+    def _middle(
+        self, x: FlowState, substep: PowerSeries | Integrated, reached: jax.Array
+    ) -> Snapshot:
         """The middle of the step: in this substep if it has ``reached`` the middle, or before."""
         left = self.h / 2 - x.y[0, 0]
         passes = reached & (left > 0)
@@ -154,8 +156,8 @@ class LocalFlow:
         factor = 0.9 * larger(worst, 1e-8) ** jnp.where(wrong, -0.25, -0.125)
         usual = length * jnp.clip(factor, 0.05, jnp.where(after.rejected > 0, 1.0, 4.0))
         usual = jnp.minimum(jnp.where(wrong, usual, larger(usual, after.usual)), self.h / 2)
-        usual = jnp.where(self._is_integrated(regime), usual, after.usual)
-        tried = jnp.where(self._is_integrated(after.regime), smaller(usual, left), left)
+        usual = jnp.where(self._is_limited(regime), usual, after.usual)
+        tried = jnp.where(self._is_limited(after.regime), smaller(usual, left), left)
         # An event lies inside a rejected substep: retry with one that ends just past it.
         aims = wrong & (event.time < 0.9 * length) & ~event.at_start
         tried = jnp.where(aims, jnp.minimum(_JUST * event.time, left), tried)
@@ -167,7 +169,7 @@ class LocalFlow:
         longest: Any = self.h / 2
         if self.laws.are_linear and self.laws.has_contact_force:
             longest = _LONGEST / self.laws.rate
-        tried = jnp.where(self._is_integrated(regime), smaller(longest, left), left)
+        tried = jnp.where(self._is_limited(regime), smaller(longest, left), left)
         return lax.stop_gradient(tried)
 
     # -- a substep ----------------------------------------------------------------------------
@@ -180,12 +182,12 @@ class LocalFlow:
         """The forces in a regime as a function of time, closings and velocities."""
         return lambda t, s, w: self.laws.at(self.pull(t), s, w, regime, inverse)
 
-    def _is_integrated(self, regime: Regime) -> jax.Array:
-        """Whether a substep has an error, that of the Runge–Kutta method."""
-        integrated = regime.deformed.any()
+    def _is_limited(self, regime: Regime) -> jax.Array:
+        """Whether forces of laws limit the length of a substep: it is no cubic."""
+        limited = regime.deformed.any()
         if self.laws.has_resistance:
-            integrated |= (regime.slip != 0).any()
-        return integrated
+            limited |= (regime.slip != 0).any()
+        return limited
 
     def _rates(self, y: jax.Array, now: Forces) -> jax.Array:
         """Time derivatives of a ``SmoothState``."""
@@ -197,13 +199,13 @@ class LocalFlow:
 
     def _substep(
         self, x: FlowState, begin: Forces, inverse: jax.Array
-    ) -> tuple[Series | Integrated, jax.Array]:
+    ) -> tuple[PowerSeries | Integrated, jax.Array]:
         """A substep, and its error in units of the tolerance."""
         y, length, regime = x.y, x.length, x.regime
         if self.laws.are_linear:
             _, change = jax.linearize(self._forces_in(regime, inverse), *y[:3])
             order = _ORDER if self.laws.has_contact_force else 4
-            return Series.of(y, length, begin, change, order), 0 * length
+            return PowerSeries.of(y, length, begin, change, order), 0 * length
 
         # Scan over the stages: unrolled, they would dominate compile time.
         def stage(slopes: jax.Array, entry: Any) -> Any:
@@ -277,7 +279,7 @@ class LocalFlow:
         return place, rate, *jax.jvp(values, (place,), (rate,))
 
     def _first_event(
-        self, x: FlowState, substep: Series | Integrated, inverse: jax.Array
+        self, x: FlowState, substep: PowerSeries | Integrated, inverse: jax.Array
     ) -> _First:
         """The first event in a substep."""
         length = substep.length
@@ -315,7 +317,7 @@ class LocalFlow:
     def _located(
         self,
         x: FlowState,
-        substep: Series | Integrated,
+        substep: PowerSeries | Integrated,
         event: _First,
         inverse: jax.Array,
     ) -> tuple[jax.Array, Place, Place]:

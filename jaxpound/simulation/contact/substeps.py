@@ -13,7 +13,7 @@ from jaxpound.simulation.contact.dop853 import until, weighted
 from jaxpound.simulation.contact.forces import Forces
 
 
-class Series(NamedTuple):
+class PowerSeries(NamedTuple):
     """A substep of links whose forces are linear in time, closings and velocities: power series.
 
     Row k of the coefficients belongs to power k + 1 of the share of the substep that has passed.
@@ -26,7 +26,7 @@ class Series(NamedTuple):
     @staticmethod
     def of(
         y: jax.Array, length: jax.Array, begin: Forces, change: Callable[..., Forces], order: int
-    ) -> Series:
+    ) -> PowerSeries:
         """The series up to an order, from the forces at the start.
 
         ``change`` are changes of the forces with those of time, closings and velocities, in which
@@ -51,7 +51,7 @@ class Series(NamedTuple):
         products = _product(works, w_rate[:, None])
         integrated = jnp.concatenate([s_rate[:, None], products, contact[:, None]], 1)
         integrated *= length / powers[:, None, None]
-        return Series(y, length, jnp.concatenate([jnp.stack(rest[:2], 1), integrated], 1))
+        return PowerSeries(y, length, jnp.concatenate([jnp.stack(rest[:2], 1), integrated], 1))
 
     def at(self, time: jax.Array) -> jax.Array:
         """The links a ``time`` after the start."""
