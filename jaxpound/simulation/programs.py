@@ -94,8 +94,8 @@ def use_loop_kernels() -> None:
     a single run takes a third of the time, with its gradient a fifth; a pair with contact takes
     half of it, with its gradient a twentieth. Gradients with contact at many floors compile for up
     to twice as long. Batches gain little or nothing. Results differ by rounding at most. Call it
-    once, before JAX computes anything; the command line does so by itself. It adds an option of XLA to the environment variable ``XLA_FLAGS``, which processes
-    started from this one inherit.
+    once, before JAX computes anything; the command line does so by itself. It adds an option of XLA
+    to the environment variable ``XLA_FLAGS``, which processes started from this one inherit.
 
     Raises ``RuntimeError`` if JAX has started without it.
     """
