@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.interpreters.partial_eval import dce_jaxpr
+from jax.extend.core import Jaxpr, Var
 
 from jaxpound._checks import Range, hint, require_batch
 from jaxpound._errors import InvalidInput
@@ -91,17 +91,43 @@ def may_pull(law: Any) -> bool:
     return bool(getattr(law, "tension", False))
 
 
-def is_linear(law: Any) -> bool:
-    """Whether a law's force is linear in penetration and speed, whatever the touch speed is."""
+def is_affine(law: Any) -> bool:
+    """Whether a law's force is linear in penetration and speed, but for a constant in a contact."""
     force = law.law.force if isinstance(law, _Pressed) else law.force
     number = jax.ShapeDtypeStruct((), jnp.result_type(float, *jax.tree.leaves(law)))
+    program = jax.make_jaxpr(lambda *state: jnp.asarray(force(*state)))(number, number, number)
+    return _affine_results(program.jaxpr, [True] * 3) is not None
 
-    def slope(touch_speed: Any, state: Any, change: Any) -> Any:
-        return jax.jvp(lambda *y: jnp.asarray(force(*y, touch_speed)), state, change)[1]
 
-    program = jax.make_jaxpr(slope)(number, (number, number), (number, number))
-    _, used = dce_jaxpr(program.jaxpr, [True])
-    return not any(used[:3])  # the slopes depend on no number of the state
+_LINEAR = {"add", "sub", "neg", "convert_element_type", "copy", "squeeze", "reshape"}
+
+
+def _affine_results(program: Jaxpr, varies: list[bool]) -> list[bool] | None:
+    """Which results vary with the arguments that do; None if not linearly."""
+    changing = {x for x, does in zip(program.invars, varies, strict=True) if does}
+    for step in program.eqns:
+        arguments = [isinstance(x, Var) and x in changing for x in step.invars]
+        if not any(arguments):
+            continue
+        name, results = step.primitive.name, [True] * len(step.outvars)
+        if name == "jit":
+            inner = _affine_results(step.params["jaxpr"].jaxpr, arguments)
+            if inner is None:
+                return None
+            results = inner
+        elif not _is_linear_step(name, arguments):
+            return None
+        changing |= {x for x, does in zip(step.outvars, results, strict=True) if does}
+    return [isinstance(x, Var) and x in changing for x in program.outvars]
+
+
+def _is_linear_step(name: str, varies: list[bool]) -> bool:
+    """Whether an operation is linear in those of its arguments that vary."""
+    if name == "mul":
+        return not all(varies)
+    if name == "div":
+        return not varies[1]
+    return name in _LINEAR or (name == "select_n" and not varies[0])
 
 
 @pytree_dataclass

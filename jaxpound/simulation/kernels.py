@@ -25,6 +25,10 @@ from jax.interpreters import ad, batching, mlir
 MOST_TERMS = 4095
 """Most numbers of a sum in a kernel."""
 
+_MOST_NUMBERS = 64
+"""Most numbers of an array in a step that is a kernel: XLA fails where an operand of a kernel is a
+large constant of the program."""
+
 _KNOWN = version("jaxlib").startswith("0.10.")
 """Whether this version of XLA is known to make kernels of calls."""
 
@@ -38,10 +42,11 @@ ARITHMETIC = {
 }
 """Operations on single numbers that may be part of a kernel."""
 
+# Not those by numbers of places, which have others in a batch.
 _OF_ARRAYS = {
-    "broadcast_in_dim", "concatenate", "dynamic_slice", "iota", "optimization_barrier", "pad",
-    "reduce_and", "reduce_max", "reduce_min", "reduce_or", "reduce_sum", "remat2", "reshape",
-    "scan", "slice", "split", "squeeze", "stack", "transpose",
+    "broadcast_in_dim", "concatenate", "iota", "optimization_barrier", "pad", "reduce_and",
+    "reduce_max", "reduce_min", "reduce_or", "reduce_sum", "remat2", "reshape", "scan", "slice",
+    "split", "squeeze", "stack", "transpose",
 }
 # fmt: on
 
@@ -54,7 +59,8 @@ def are_available() -> bool:
 def is_arithmetic(program: Jaxpr) -> bool:
     """Whether a program, with those that it calls, has operations on single numbers only."""
     return all(
-        step.primitive.name in ARITHMETIC and all(map(is_arithmetic, jaxprs_in_params(step.params)))
+        step.primitive.name in ARITHMETIC | {"add_any"}
+        and all(map(is_arithmetic, jaxprs_in_params(step.params)))
         for step in program.eqns
     )
 
@@ -91,7 +97,7 @@ def _may_be_kernel(program: Jaxpr) -> bool:
             continue
         if name not in ARITHMETIC | _OF_ARRAYS:
             return False
-        if name == "reduce_sum" and _terms(step) > MOST_TERMS:
+        if any(prod(getattr(x.aval, "shape", ())) > _MOST_NUMBERS for x in step.invars):
             return False
         if not all(map(_may_be_kernel, jaxprs_in_params(step.params))):
             return False
@@ -105,11 +111,6 @@ def _is_marked(program: Jaxpr) -> bool:
         or any(map(_is_marked, jaxprs_in_params(step.params)))
         for step in program.eqns
     )
-
-
-def _terms(step: Any) -> int:
-    """Numbers of which each result of a sum is made."""
-    return prod(step.invars[0].aval.shape) // max(prod(step.outvars[0].aval.shape), 1)
 
 
 @jax.custom_jvp
@@ -127,6 +128,7 @@ _marked = Primitive("marked_as_kernel")
 """``in_kernel`` of several results of a call, of which derivatives are not one."""
 
 _marked.multiple_results = True
+_marked.def_impl(lambda *values: [*values])
 _marked.def_abstract_eval(lambda *shapes: shapes)
 ad.primitive_jvps[_marked] = lambda values, changes: (values, changes)
 batching.primitive_batchers[_marked] = lambda values, axes: (_marked.bind(*values), axes)

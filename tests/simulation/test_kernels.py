@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.simulation.kernels import MOST_TERMS, as_kernel
+from jaxpound.simulation.kernels import as_kernel
 
+TABLE = jnp.arange(4000.0)
 MARK = 'xla_cpu_small_call = "true"'
 
 
@@ -34,6 +35,11 @@ def test_a_loop_is_one_kernel_unless_it_is_differentiated():
     assert float(forward(x)) == pytest.approx(float(slope), rel=1e-12)
 
 
+def test_a_loop_that_would_be_one_kernel_runs_step_by_step():
+    with jax.disable_jit():
+        assert float(of(jnp.asarray(2.0))) == pytest.approx(2**0.5, rel=1e-15)
+
+
 def test_a_batch_is_one_kernel_too():
     x = jnp.linspace(1.0, 9.0, 7)
     batch = jax.jit(jax.vmap(of))
@@ -48,10 +54,11 @@ def test_a_batch_is_one_kernel_too():
     [
         jnp.sort,
         lambda x: jnp.outer(x, x) @ x,
-        lambda x: jnp.broadcast_to(x, (MOST_TERMS, x.size)).sum() + x,
+        lambda x: jnp.broadcast_to(x, (50, x.size)).sum() + x,
         lambda x: x.at[jnp.argmax(x)].set(0.0),
+        lambda x: jax.lax.dynamic_index_in_dim(TABLE, x[0].astype(int), keepdims=False) + x,
     ],
-    ids=["sort", "product of matrices", "long sum", "scatter"],
+    ids=["sort", "product of matrices", "long sum", "scatter", "table"],
 )
 def test_what_xla_has_no_place_for_in_a_kernel_is_not_one(function):
     x = jnp.asarray([2.0, 1.0, 3.0])
@@ -69,6 +76,30 @@ class Sorted:
 
     def force(self, penetration, speed, touch_speed):
         return self.stiffness * jnp.sort(jnp.stack([penetration, 0 * penetration]))[1]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Tabulated:
+    """A ground motion from a table of a program, which XLA cannot hand to a kernel."""
+
+    amplitude: float
+
+    def acceleration(self, t):
+        number = jnp.clip(100 * t, 0, TABLE.size - 1).astype(int)
+        value = jax.lax.dynamic_index_in_dim(TABLE, number, keepdims=False)
+        return self.amplitude * jnp.sin(value / 50)
+
+
+def test_runs_with_a_ground_from_a_table_are_no_kernel():
+    grid, laws = jp.TimeGrid.until(8.0, 0.05), (jp.KelvinVoigt(300.0, 0.65), None)
+
+    def gap(amplitude, law):
+        pair = dataclasses.replace(jp.paper.structures(), initial_gap=0.05, contact=law)
+        return jp.demand(pair, Tabulated(amplitude), grid).min_gap
+
+    touching, free = (float(jax.jit(lambda a, law=law: gap(a, law))(3.0)) for law in laws)
+    assert free < touching < 0
 
 
 def test_runs_with_a_law_that_is_no_kernel_are_none():

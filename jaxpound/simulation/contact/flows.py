@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 from jax import lax
 
 from jaxpound.model.contact import Newton
@@ -50,10 +52,19 @@ def _has_kernel(inputs: FlowInput) -> bool:
         return False
     number = jax.ShapeDtypeStruct((), inputs.closing.dtype)
     laws = [law for law in inputs.laws if law is not None and not isinstance(law, Newton)]
-    programs = [jax.make_jaxpr(law.force)(number, number, number) for law in laws]
+    programs = [jax.make_jaxpr(_twice_derived(law.force))(number, number, number) for law in laws]
     resistances = [law for law in inputs.resistances if law is not None]
-    programs += [jax.make_jaxpr(law.resistance)(number) for law in resistances]
+    programs += [jax.make_jaxpr(_twice_derived(law.resistance))(number) for law in resistances]
     return all(kernels.is_arithmetic(program.jaxpr) for program in programs)
+
+
+def _twice_derived(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A program with all operations of a function and its derivatives, as a flow has them."""
+
+    def slope(*state: jax.Array) -> Any:
+        return jax.jvp(lambda *y: jnp.asarray(function(*y)), state, state)
+
+    return lambda *state: jax.jvp(slope, state, state)
 
 
 @lru_cache(maxsize=64)

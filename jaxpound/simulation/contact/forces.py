@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from jaxpound._extrema import larger, smaller
-from jaxpound.model.contact import Newton, is_linear, may_pull
+from jaxpound.model.contact import Newton, is_affine, may_pull
 from jaxpound.simulation.contact.records import PRESSED, REST, Contact, FlowInput, is_deformed
 
 
@@ -69,7 +70,7 @@ class LinkLaws:
         self.has_contact_force = any(law is not None for law in self.forces)
         self.has_resistance = any(law is not None for law in self.resistances)
         forces = [law for law in self.forces if law is not None]
-        self.are_linear = not self.has_resistance and all(map(is_linear, forces))
+        self.are_linear = not self.has_resistance and all(map(is_affine, forces))
         self.rigid = jnp.asarray(rigid)
         self.has_law = jnp.asarray([law is not None for law in laws])
         clips = [law is not None and not may_pull(law) for law in self.forces]
@@ -82,10 +83,15 @@ class LinkLaws:
     def rate(self) -> jax.Array:
         """Bound of the rates, frequencies and decays, of motions under linear laws, in 1/time."""
         zero = jnp.zeros((), self.dtype)
-        slopes = [
-            (zero, zero) if law is None else jax.grad(law.force, (0, 1))(zero, zero, zero)
-            for law in self.forces
-        ]
+
+        def slopes_of(law: Any) -> tuple[jax.Array, jax.Array]:
+            def force(depth: jax.Array, speed: jax.Array) -> jax.Array:
+                return jnp.asarray(law.force(depth, speed, zero), self.dtype)
+
+            return jax.grad(force, (0, 1))(zero, zero)
+
+        laws = lax.stop_gradient(self.forces)
+        slopes = [(zero, zero) if law is None else slopes_of(law) for law in laws]
         weights = [jnp.sqrt(jnp.abs(jnp.stack(of_laws))) for of_laws in zip(*slopes, strict=True)]
         stiffness, damping = (
             (weight[:, None] * jnp.abs(self.delassus) * weight[None]).sum(1).max()

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
 
@@ -29,6 +28,7 @@ class _Layout(NamedTuple):
     """Where the arrays of a pytree are in a column of numbers."""
 
     tree: Any
+    kind: int  # hash of the tree, since those of different classes may be equal
     shapes: tuple[tuple[int, ...], ...]
     dtypes: tuple[Any, ...]
 
@@ -36,7 +36,9 @@ class _Layout(NamedTuple):
     def of(tree: Any) -> _Layout:
         """The layout of a pytree of arrays or of their shapes."""
         leaves, structure = jax.tree.flatten(tree)
-        return _Layout(structure, *zip(*((x.shape, x.dtype) for x in leaves), strict=True))
+        return _Layout(
+            structure, hash(structure), *zip(*((x.shape, x.dtype) for x in leaves), strict=True)
+        )
 
     @property
     def ends(self) -> list[int]:
@@ -134,10 +136,12 @@ def _one_by_one(
 ) -> jax.Array:
     """Columns of results, a lane each, with those of the lanes that need it computed."""
     size = needed.shape[0]
-    numbers = jnp.arange(size, dtype=np.int32)
 
-    def first(wanted: jax.Array) -> jax.Array:
-        return jnp.where(wanted, numbers, size).min()
+    def waits(number: jax.Array) -> jax.Array:
+        return (number < size) & ~lax.dynamic_index_in_dim(needed, number, keepdims=False)
+
+    def first_from(number: jax.Array) -> jax.Array:
+        return lax.while_loop(waits, lambda number: number + 1, number)
 
     def lane(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         number, out = carry
@@ -145,9 +149,10 @@ def _one_by_one(
         # So that a kernel uses all arguments.
         column = work(lax.optimization_barrier(layout.column(of_lane)))
         out = lax.dynamic_update_index_in_dim(out, column, number, 1)
-        return first(needed & (numbers > number)), out
+        return first_from(number + 1), out
 
-    return lax.while_loop(lambda carry: carry[0] < size, lane, (first(needed), out))[1]
+    start = first_from(0 * needed.sum()), out
+    return lax.while_loop(lambda carry: carry[0] < size, lane, start)[1]
 
 
 def _in_groups(

@@ -159,6 +159,44 @@ def speed_after(*law):
     return flow(0.5, 0, jnp.asarray(True), start, AT_START).now.velocity[0]
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Hardening:
+    """A law with as many numbers as ``Softening``, in the same places."""
+
+    stiffness: float
+    factor: float
+
+    def force(self, penetration, speed, touch_speed):
+        return self.stiffness * penetration * (1 + self.factor * penetration**2)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Softening:
+    stiffness: float
+    factor: float
+
+    def force(self, penetration, speed, touch_speed):
+        return self.stiffness * penetration / (1 + self.factor * penetration**2)
+
+
+def test_laws_of_two_classes_with_equal_numbers_have_programs_of_their_own():
+    """A block meets one at unit speed, and turns where the work is its energy."""
+    deepest = {
+        law: float(
+            jax.jit(flow, static_argnums=(0, 1))(
+                1.0, 0, jnp.asarray(True), start, AT_START
+            ).log.farthest[0]
+        )
+        for law in (Hardening, Softening)
+        for start in [given(law(40.0, 30.0), 1.0, 0.0)]
+    }
+    x = np.array([deepest[Hardening], deepest[Softening]])
+    work = 20 * x**2 * [1 + 15 * x[0] ** 2, np.log(1 + 30 * x[1] ** 2) / (30 * x[1] ** 2)]
+    np.testing.assert_allclose(work, 0.5, rtol=1e-4)
+
+
 def test_the_names_of_a_law_s_numbers_do_not_matter():
     """A field that is called as one of the contact's is differentiated in both modes."""
     forward, reverse = (jax.jit(mode(speed_after))(40.0) for mode in (jax.jacfwd, jax.grad))
