@@ -42,7 +42,6 @@ ARITHMETIC = {
 }
 """Operations on single numbers that may be part of a kernel."""
 
-# Not those by numbers of places, which have others in a batch.
 _OF_ARRAYS = {
     "broadcast_in_dim", "concatenate", "iota", "optimization_barrier", "pad", "reduce_and",
     "reduce_max", "reduce_min", "reduce_or", "reduce_sum", "remat2", "reshape", "scan", "slice",
@@ -71,7 +70,7 @@ def in_kernel(result: Any) -> Any:
 
 
 def as_kernel(function: Callable[..., Any], *args: Any, wanted: bool = True) -> Any:
-    """``function(*args)``, as one kernel where that can be made, unless it is differentiated.
+    """``function(*args)``, as one kernel where that can be made: of one run, not differentiated.
 
     Calls with a batching rule of their own (``where_needed``) can be if they are marked themselves.
     """
@@ -125,12 +124,13 @@ def _(values: Any, changes: Any) -> Any:
 
 
 _marked = Primitive("marked_as_kernel")
-"""``in_kernel`` of several results of a call, of which derivatives are not one."""
+"""``in_kernel`` of several results of a call, of which derivatives and batches are not one."""
 
 _marked.multiple_results = True
 _marked.def_impl(lambda *values: [*values])
 _marked.def_abstract_eval(lambda *shapes: shapes)
 ad.primitive_jvps[_marked] = lambda values, changes: (values, changes)
-batching.primitive_batchers[_marked] = lambda values, axes: (_marked.bind(*values), axes)
+# XLA hands sums over large batches to a library, which a kernel cannot call.
+batching.primitive_batchers[_marked] = lambda values, axes: (values, axes)
 _lowered = mlir.lower_fun(lambda *results: in_kernel(results), multiple_results=True)
 mlir.register_lowering(_marked, _lowered, cacheable=False)

@@ -40,10 +40,11 @@ def test_a_loop_that_would_be_one_kernel_runs_step_by_step():
         assert float(of(jnp.asarray(2.0))) == pytest.approx(2**0.5, rel=1e-15)
 
 
-def test_a_batch_is_one_kernel_too():
+def test_a_batch_is_none():
+    """XLA would hand sums over a large one to a library."""
     x = jnp.linspace(1.0, 9.0, 7)
     batch = jax.jit(jax.vmap(of))
-    assert MARK in batch.lower(x).as_text()
+    assert MARK not in batch.lower(x).as_text()
     np.testing.assert_allclose(batch(x), np.sqrt(x), rtol=1e-15)
     slopes = jax.jit(jax.vmap(jax.grad(of)))(x)
     np.testing.assert_allclose(slopes, 0.5 / np.sqrt(x), rtol=1e-12)

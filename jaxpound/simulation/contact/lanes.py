@@ -95,7 +95,7 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
         lane = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), args)
         results = _Layout.of(jax.eval_shape(work, *lane))
         # Derived from the input, as it may differ from device to device.
-        nothing = (0 * needed.sum()).astype(results.dtype)
+        nothing = 0 * needed[0].astype(results.dtype)
         empty = jnp.full((results.ends[-1], needed.shape[0]), nothing)
         out = call(of_lanes(_Layout.of(lane), needed, args, empty))
         return jax.vmap(results.pytree, in_axes=1)(out)
@@ -151,7 +151,7 @@ def _one_by_one(
         out = lax.dynamic_update_index_in_dim(out, column, number, 1)
         return first_from(number + 1), out
 
-    start = first_from(0 * needed.sum()), out
+    start = first_from(0 * needed[0].astype(int)), out
     return lax.while_loop(lambda carry: carry[0] < size, lane, start)[1]
 
 
