@@ -3,8 +3,8 @@
 Under vmap a loop goes on until all lanes of the batch have finished, and every lane pays for every
 iteration. So ``where_needed`` picks the lanes that need it, and runs the loop for them alone.
 
-The computation may be compiled as one kernel (``kernels``), which takes one lane after the other.
-Elsewhere lanes are taken in groups.
+The computation of a lane may be compiled as one kernel (``kernels``): then they are taken one after
+the other, elsewhere in groups. All of a kernel's arguments are one array, as it must use them all.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
 
@@ -65,7 +66,7 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
     """A function of ``(needed, *args)``: ``work(*args)`` if needed, else zeros.
 
     ``needed`` is a single truth value; ``args`` and the result are pytrees of real arrays. Lanes of
-    a batch are taken in groups of a ``width``. Without one the work for all lanes is one kernel.
+    a batch are taken in groups of a ``width``. Without one the work of each lane is one kernel.
     """
 
     @partial(jax.jit, static_argnums=0)
@@ -76,9 +77,11 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
     @partial(jax.jit, static_argnums=0)
     def of_lanes(layout: _Layout, needed: jax.Array, args: Any, empty: jax.Array) -> jax.Array:
         take = _one_by_one if width is None else partial(_in_groups, width)
-        return take(partial(columns, layout), layout, needed, args, empty)
+        return take(partial(lane, layout), layout, needed, args, empty)
 
-    call = in_kernel if width is None else lambda result: result
+    def lane(layout: _Layout, column: jax.Array) -> jax.Array:
+        result = columns(layout, column)
+        return in_kernel(result) if width is None else result
 
     @custom_vmap
     def single(needed: jax.Array, *args: Any) -> Any:
@@ -86,18 +89,16 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
         column = layout.column(args)
         # Derived from the input: constants would be the same on all devices, unlike the result.
         nothing = jnp.full(results.ends[-1], 0 * needed.astype(int), results.dtype)
-        return results.pytree(
-            lax.cond(needed, lambda: call(columns(layout, column)), lambda: nothing)
-        )
+        return results.pytree(lax.cond(needed, lambda: lane(layout, column), lambda: nothing))
 
     @custom_vmap
     def many(needed: jax.Array, *args: Any) -> Any:
-        lane = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), args)
-        results = _Layout.of(jax.eval_shape(work, *lane))
+        of_lane = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), args)
+        results = _Layout.of(jax.eval_shape(work, *of_lane))
         # Derived from the input, as it may differ from device to device.
         nothing = 0 * needed[0].astype(results.dtype)
         empty = jnp.full((results.ends[-1], needed.shape[0]), nothing)
-        out = call(of_lanes(_Layout.of(lane), needed, args, empty))
+        out = of_lanes(_Layout.of(of_lane), needed, args, empty)
         return jax.vmap(results.pytree, in_axes=1)(out)
 
     @single.def_vmap
@@ -136,23 +137,19 @@ def _one_by_one(
 ) -> jax.Array:
     """Columns of results, a lane each, with those of the lanes that need it computed."""
     size = needed.shape[0]
+    numbers = jnp.arange(size, dtype=np.int32)
 
-    def waits(number: jax.Array) -> jax.Array:
-        return (number < size) & ~lax.dynamic_index_in_dim(needed, number, keepdims=False)
-
-    def first_from(number: jax.Array) -> jax.Array:
-        return lax.while_loop(waits, lambda number: number + 1, number)
+    def first(wanted: jax.Array) -> jax.Array:
+        return jnp.where(wanted, numbers, size).min()
 
     def lane(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         number, out = carry
         of_lane = [lax.dynamic_index_in_dim(x, number, 0, False) for x in jax.tree.leaves(args)]
-        # So that a kernel uses all arguments.
-        column = work(lax.optimization_barrier(layout.column(of_lane)))
+        column = work(layout.column(of_lane))
         out = lax.dynamic_update_index_in_dim(out, column, number, 1)
-        return first_from(number + 1), out
+        return first(needed & (numbers > number)), out
 
-    start = first_from(0 * needed[0].astype(int)), out
-    return lax.while_loop(lambda carry: carry[0] < size, lane, start)[1]
+    return lax.while_loop(lambda carry: carry[0] < size, lane, (first(needed), out))[1]
 
 
 def _in_groups(
