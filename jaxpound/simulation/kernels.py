@@ -114,7 +114,7 @@ def _is_marked(program: Jaxpr) -> bool:
 
 @jax.custom_jvp
 def _used(args: Any) -> Any:
-    """The arguments of a kernel, all of which it uses; of another program as they are."""
+    """The arguments of a call that uses all of them; as they are where it is differentiated."""
     return lax.optimization_barrier(args)
 
 

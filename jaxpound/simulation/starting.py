@@ -22,6 +22,9 @@ from jaxpound.simulation.state import LinkState, RunState, StepConstants, each
 
 T = TypeVar("T")
 
+MovedLink = tuple[jax.Array, ContactState | None, LinkMotion]
+"""Closing of a link at t_m, state of its contact after the step, and its motion in the step."""
+
 
 class AtRest:
     """The start of a run at rest; ``first_velocity`` is that half a step before t = 0."""
@@ -78,17 +81,9 @@ class AtRest:
             jump=jnp.where(starts, 0.0, motion.jump),
         )
 
-    def link(
-        self,
-        link: LinkState,
-        closing: jax.Array,
-        contact: ContactState | None,
-        motion: LinkMotion,
-        starts: jax.Array,
-        dt: float,
-    ) -> tuple[jax.Array, ContactState | None, LinkMotion]:
-        """Closing at t_m, state of contact after the step, and motion of a link in the step."""
-        return closing, contact, motion
+    def link(self, link: LinkState, moved: MovedLink, starts: jax.Array, dt: float) -> MovedLink:
+        """A link in a step, from its state before and from how it has moved."""
+        return moved
 
     def velocity_now(self, v_now: jax.Array, v: jax.Array, starts: jax.Array) -> jax.Array:
         """Velocity of a free mass at t_m; v is that before the step."""
@@ -155,16 +150,9 @@ class Displaced(AtRest):
         """Motion as it is."""
         return motion
 
-    def link(
-        self,
-        link: LinkState,
-        closing: jax.Array,
-        contact: ContactState | None,
-        motion: LinkMotion,
-        starts: jax.Array,
-        dt: float,
-    ) -> tuple[jax.Array, ContactState | None, LinkMotion]:
+    def link(self, link: LinkState, moved: MovedLink, starts: jax.Array, dt: float) -> MovedLink:
         """With the closing of the start and no turns before it."""
+        closing, contact, motion = moved
         motion = motion._replace(
             velocity_now=jnp.where(starts, link.velocity, motion.velocity_now),
             jump=jnp.where(starts, 0.0, motion.jump),

@@ -278,8 +278,7 @@ class _Step(NamedTuple):
                 closings[k], contacts[k], motions[k] = of_link
         for k, link in enumerate(self.before.links):
             of_link = closings[k], contacts[k], motions[k]
-            started = self.start.link(link, *of_link, starts, self.dt)
-            closings[k], contacts[k], motions[k] = started
+            closings[k], contacts[k], motions[k] = self.start.link(link, of_link, starts, self.dt)
         return closings, contacts, motions
 
     def _slide(self, k: int, pull: jax.Array) -> LinkMotion:

@@ -24,6 +24,9 @@ from jax.custom_batching import custom_vmap
 from jaxpound.simulation.batches import on_each_device
 from jaxpound.simulation.kernels import in_kernel
 
+_OfColumn = Callable[[jax.Array], jax.Array]
+_ToColumn = Callable[[Any], jax.Array]
+
 
 class _Layout(NamedTuple):
     """Where the arrays of a pytree are in a column of numbers."""
@@ -74,14 +77,11 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
         result = work(*layout.pytree(column))
         return _Layout.of(result).column(result)
 
-    @partial(jax.jit, static_argnums=0)
-    def of_lanes(layout: _Layout, needed: jax.Array, args: Any, empty: jax.Array) -> jax.Array:
-        take = _one_by_one if width is None else partial(_in_groups, width)
-        return take(partial(lane, layout), layout, needed, args, empty)
-
     def lane(layout: _Layout, column: jax.Array) -> jax.Array:
         result = columns(layout, column)
         return in_kernel(result) if width is None else result
+
+    in_turn = _one_by_one if width is None else partial(_in_groups, width)
 
     @custom_vmap
     def single(needed: jax.Array, *args: Any) -> Any:
@@ -98,7 +98,8 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
         # Derived from the input, as it may differ from device to device.
         nothing = 0 * needed[0].astype(results.dtype)
         empty = jnp.full((results.ends[-1], needed.shape[0]), nothing)
-        out = of_lanes(_Layout.of(of_lane), needed, args, empty)
+        layout = _Layout.of(of_lane)
+        out = in_turn(partial(lane, layout), layout.column, needed, args, empty)
         return jax.vmap(results.pytree, in_axes=1)(out)
 
     @single.def_vmap
@@ -129,11 +130,7 @@ def _repeated(size: int, batched: Any, args: Any) -> Any:
 
 
 def _one_by_one(
-    work: Callable[[jax.Array], jax.Array],
-    layout: _Layout,
-    needed: jax.Array,
-    args: Any,
-    out: jax.Array,
+    work: _OfColumn, column_of: _ToColumn, needed: jax.Array, args: Any, out: jax.Array
 ) -> jax.Array:
     """Columns of results, a lane each, with those of the lanes that need it computed."""
     size = needed.shape[0]
@@ -145,7 +142,7 @@ def _one_by_one(
     def lane(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         number, out = carry
         of_lane = [lax.dynamic_index_in_dim(x, number, 0, False) for x in jax.tree.leaves(args)]
-        column = work(layout.column(of_lane))
+        column = work(column_of(of_lane))
         out = lax.dynamic_update_index_in_dim(out, column, number, 1)
         return first(needed & (numbers > number)), out
 
@@ -154,8 +151,8 @@ def _one_by_one(
 
 def _in_groups(
     width: int,
-    work: Callable[[jax.Array], jax.Array],
-    layout: _Layout,
+    work: _OfColumn,
+    column_of: _ToColumn,
     needed: jax.Array,
     args: Any,
     out: jax.Array,
@@ -171,7 +168,7 @@ def _in_groups(
         numbers = (jnp.cumsum(needed)[None] < ranks[:, None]).sum(1)
         lanes = jnp.where(numbers < size, numbers, numbers[0])
         of_group = jax.tree.map(lambda x: jnp.take(x, lanes, axis=0, mode="clip"), args)
-        columns = jax.vmap(layout.column, out_axes=1)(of_group)
+        columns = jax.vmap(column_of, out_axes=1)(of_group)
         columns = jax.vmap(work, in_axes=1, out_axes=1)(columns)
         return done + width, out.at[:, numbers].set(columns, mode="drop")
 
