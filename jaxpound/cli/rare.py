@@ -45,31 +45,31 @@ class LimitTable(Section):
             self.require_all(("threshold",), ", which demand needs")
             self.refuse_any(("gap",), "must not be given with demand")
         for threshold in self.thresholds or ():
-            require_threshold("thresholds", self.of, threshold)
-        if self.least is not None:
+            require_threshold("thresholds", self.demand_name, threshold)
+        if self.lowest_threshold is not None:
             key = "gap" if self.demand is None else "threshold"
-            require_threshold(key, self.of, self.least)
+            require_threshold(key, self.demand_name, self.lowest_threshold)
 
     @property
-    def of(self) -> str:
+    def demand_name(self) -> str:
         """The demand that reaches the thresholds."""
         return self.demand or REQUIRED_GAP
 
     @property
-    def least(self) -> float | None:
+    def lowest_threshold(self) -> float | None:
         """The threshold; None for pounding across the gaps of the structures."""
         return self.gap if self.demand is None else self.threshold
 
     @property
     def unit(self) -> str:
         """The SI unit of the demand; empty for a pure number."""
-        return unit_of(self.of, si=True)
+        return unit_of(self.demand_name, si=True)
 
     def __str__(self) -> str:
-        if self.least is None:
+        if self.lowest_threshold is None:
             return "pounding"
-        least = f"{self.least:g} {self.unit}".rstrip()
-        return f"{in_words(self.of)} of {least} or more"
+        threshold = f"{self.lowest_threshold:g} {self.unit}".rstrip()
+        return f"{in_words(self.demand_name)} of {threshold} or more"
 
 
 class EstimationTable(Section):
@@ -98,7 +98,7 @@ class RareConfig(Uncertain, kw_only=True):
 
     def dimensionless(self, threshold: float | None) -> float | None:
         """A threshold as one of the dimensionless system."""
-        size = float(self.scales.unit_of(kind_of(self.limit.of)))
+        size = float(self.scales.unit_of(kind_of(self.limit.demand_name)))
         return None if threshold is None else threshold / size
 
 
@@ -148,12 +148,12 @@ def limit_state(file: File, config: RareConfig) -> jp.LimitState:
     """The event, dimensionless."""
     scenarios, grid = config.scenarios(file)
     limit, place = config.limit, f"{file.name}: [limit]"
-    if limit.of == REQUIRED_GAP and not config.layout.gaps:
+    if limit.demand_name == REQUIRED_GAP and not config.layout.gaps:
         rule = "must be of buildings with a gap: give a [[link]] one, or another demand"
         raise refused(f"{place} gap", rule)
     with named(place):
-        threshold = config.dimensionless(limit.least)
-        return jp.LimitState(scenarios, grid, config.scheme, limit.of, threshold)
+        threshold = config.dimensionless(limit.lowest_threshold)
+        return jp.LimitState(scenarios, grid, config.scheme, limit.demand_name, threshold)
 
 
 def searched(
@@ -162,7 +162,7 @@ def searched(
     """The event, and events at the stated thresholds, each started from the one before."""
     options, curve_at = config.search.stated(), sorted(config.limit.thresholds or ())
     options |= {"key": options.pop("seed"), "progress": sys.stderr.isatty()}
-    event_at, gaps = config.limit.least, {*config.layout.gaps}
+    event_at, gaps = config.limit.lowest_threshold, {*config.layout.gaps}
     if event_at is None and len(gaps) == 1 and not any("gap" in x for x in config.uncertain):
         (gap,) = gaps  # of all links: a closing by it is pounding
         event_at = next((x for x in curve_at if math.isclose(gap, x)), None)
@@ -199,7 +199,7 @@ def reached(
             state.scenarios,
             state.grid,
             demand=state.demand,
-            threshold=config.dimensionless(config.limit.least),
+            threshold=config.dimensionless(config.limit.lowest_threshold),
             scheme=state.scheme,
             tolerance=target.tolerance,
             key=config.search.seed,
@@ -274,10 +274,10 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
     return {
         **file.origin,
         "event": str(limit),
-        "demand": limit.of,
+        "demand": limit.demand_name,
         "unit": limit.unit,
         "random_numbers": event.limit_state.dimension,
-        **_numbers(limit.least, event),
+        **_numbers(limit.lowest_threshold, event),
         "method": event.method,
         "warnings": list(event.warnings),
         "largest_share_of_a_sample": event.largest_share,
@@ -308,7 +308,7 @@ def tables(result: RareResult) -> list[TextTable]:
     limit, (of_event,) = result.config.limit, result.event._tables()
     parts = [of_event._replace(title=f"Rare event: {limit}")]
     if result.curve:
-        words = in_words(limit.of) + (f" ({limit.unit})" if limit.unit else "")
+        words = in_words(limit.demand_name) + (f" ({limit.unit})" if limit.unit else "")
         columns = (words, "probability", "95 % from", "to", "by FORM", "runs", "gradients")
         rows, notes = [], []
         for threshold, event in result.curve.items():

@@ -56,8 +56,8 @@ class AnnualRate(Shown):
     above: float = 0.0
     """Part of λ from intensities above the hazard curve, whose last piece is continued."""
     bounds: tuple[float, float] = (float("nan"), float("nan"))
-    """Bounds of λ for any hazard beyond the curve's ends, unless the curve is steeper below its
-    first point than in its first piece; NaN for an estimate."""
+    """Lower and upper bound of λ, however the hazard goes on beyond the curve's ends; the upper one
+    assumes that it gets no steeper below the first point. NaN for an estimate."""
     ends: tuple[float, float] = (float("nan"), float("nan"))
     """The curve's lowest and highest intensity."""
     measure: str = "im"

@@ -1,4 +1,4 @@
-"""Incremental dynamic analysis: records that are scaled until a demand is reached."""
+"""Incremental dynamic analysis: records that are scaled until a demand reaches its threshold."""
 
 from __future__ import annotations
 

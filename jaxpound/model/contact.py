@@ -69,15 +69,16 @@ class ContactLaw(Protocol):
         speed
             δ', positive in approach.
         touch_speed
-            δ' at the touch, where this contact began; at least a hundredth of what the relative
-            acceleration adds in a step. Outside of runs it may be 0.
+            δ' at the touch, where this contact began; in runs above 0, at least a hundredth of what
+            the relative acceleration adds in a step.
         """
 
 
 def with_mass(law: Any, effective_mass: Any) -> Any:
-    """The law for blocks of this effective mass, whose force may be evaluated where they are apart.
+    """The law for blocks of this effective mass.
 
-    A user-defined law then gets penetration 0.
+    Its force may also be evaluated while the blocks are apart; a user-defined law is then called
+    with a negligible penetration and touch speed 1.
     """
     for_mass = getattr(law, "for_mass", None)
     law = law if for_mass is None else for_mass(effective_mass)
@@ -92,7 +93,7 @@ def may_pull(law: Any) -> bool:
 
 
 def is_affine(law: Any) -> bool:
-    """Whether a law's force is linear in penetration and speed, but for a constant in a contact."""
+    """Whether the force is a constant plus multiples of penetration, speed and touch speed."""
     force = law.law.force if isinstance(law, _Pressed) else law.force
     number = jax.ShapeDtypeStruct((), jnp.result_type(float, *jax.tree.leaves(law)))
     program = jax.make_jaxpr(lambda *state: jnp.asarray(force(*state)))(number, number, number)
@@ -190,9 +191,9 @@ class _ForMass:
 
 @pytree_dataclass
 class KelvinVoigt(_DampedLaw):
-    r"""A spring and a dashpot, :math:`p = k δ + 2 ξ \sqrt{k m^*} δ'` (Anagnostopoulos 1988).
+    r"""A spring and a dashpot, :math:`p = k δ + 2 ζ \sqrt{k m^*} δ'` (Anagnostopoulos 1988).
 
-    The damping ratio is :math:`ξ = -\ln e / \sqrt{π^2 + \ln^2 e}`. At the touch the force jumps to
+    The damping ratio is :math:`ζ = -\ln e / \sqrt{π^2 + \ln^2 e}`. At the touch the force jumps to
     that of the dashpot. Towards the end of contact it would pull; unless ``tension`` is set the
     blocks separate instead.
 
@@ -231,7 +232,7 @@ class KelvinVoigt(_DampedLaw):
 
     @property
     def damping_ratio(self) -> jax.Array:
-        """ξ, of the blocks on spring and dashpot."""
+        """ζ, of the blocks on spring and dashpot."""
         decrement = -jnp.log(self.restitution)
         return decrement / jnp.sqrt(jnp.pi**2 + decrement**2)
 
@@ -325,8 +326,8 @@ class HertzDamped(_DampedLaw):
 class Jankowski(_DampedLaw):
     r"""Hertz's contact with a dashpot in approach only (Jankowski 2005).
 
-    :math:`p = k δ^{3/2} + 2 ξ \sqrt{k \sqrt{δ} m^*} δ'` in approach and :math:`k δ^{3/2}` in
-    return, with :math:`ξ = (9\sqrt{5}/2) (1 - e^2) / (e (e (9π - 16) + 16))` (Jankowski 2006). At
+    :math:`p = k δ^{3/2} + 2 ζ \sqrt{k \sqrt{δ} m^*} δ'` in approach and :math:`k δ^{3/2}` in
+    return, with :math:`ζ = (9\sqrt{5}/2) (1 - e^2) / (e (e (9π - 16) + 16))` (Jankowski 2006). At
     the touch the force rises with an infinite slope.
 
     With e = .4, .65, .9 the restitution of a free collision is .393, .647, .900.
@@ -342,7 +343,7 @@ class Jankowski(_DampedLaw):
 
     @property
     def damping_ratio(self) -> Any:
-        """ξ."""
+        """ζ."""
         e = self.restitution
         return 4.5 * 5**0.5 * (1 - e**2) / (e * (e * (9 * np.pi - 16) + 16))
 
@@ -354,18 +355,20 @@ class Jankowski(_DampedLaw):
 
 @pytree_dataclass
 class _Pressed:
-    """A law for δ ≥ 0; below, its force is that at penetration 0."""
+    """A law for δ > 0; below, its force is that at a negligible penetration."""
 
     law: Any
     tension: bool = static()
 
     def force(self, penetration: Any, speed: Any, touch_speed: Any) -> Any:
         # At the touch, where rounding may leave δ just below 0, the derivative is that of contact.
+        # Third derivatives of powers such as δ^(1/2) must not overflow at the least penetration.
         limits = jnp.finfo(jnp.result_type(penetration, float))
-        least = jnp.sqrt(limits.tiny)
+        least = limits.tiny**0.25
         lifted = penetration + lax.stop_gradient(larger(least - penetration, 0.0))
-        pressed = jnp.where(penetration > -(limits.eps**0.75), lifted, 0.0)
-        return self.law.force(pressed, speed, touch_speed)
+        pressed = jnp.where(penetration > -(limits.eps**0.75), lifted, least)
+        met = touch_speed > 0  # else the blocks are apart
+        return self.law.force(pressed, speed, jnp.where(met, touch_speed, 1.0))
 
 
 def _elastic(k: Any, penetration: Any) -> jax.Array:

@@ -103,7 +103,7 @@ class LinkGroup(NamedTuple):
     links: tuple[int, ...]
     """Those of the tree, then the other faces of some of them."""
     faces: tuple[int, ...]
-    """Of which link, by its place in ``links``, each of these is the other face."""
+    """For each other face: the position in ``links`` of the link that it belongs to."""
     masses: tuple[int, ...]
     root: int
     """The ground if it is the end of a link, else the left end of the first link."""

@@ -189,7 +189,7 @@ class DesignPoints:
     z: Float[np.ndarray, "k d"]
     directions: Float[np.ndarray, "k d"]  # unit vectors along the gradients of the limit state
     betas: Float[np.ndarray, " k"]  # distances of the linearised limit states from the origin
-    instants: Int[np.ndarray, " k"]  # their numbers; −1 where the demand has none
+    instants: Int[np.ndarray, " k"]  # their numbers in the grid; −1 where the demand has none
     series: Int[np.ndarray, " k"]
     gradients: int = 0  # number of runs with a gradient
     failed: int = 0  # starts that did not converge near enough to matter; all, if none did

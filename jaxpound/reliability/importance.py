@@ -1,9 +1,9 @@
 """Importance sampling around design points: the density, its samples, diagnostics and files.
 
-The density is normal around every design point. A share of the samples is drawn from a guard that
-does not rely on the design points being all: the standard normal widened along the directions that
-they span. It bounds the weights, and where its samples reach the limit state away from the design
-points, the estimate has a warning.
+The density is normal around every design point. A share of the samples is drawn from a guard, a
+wide density that also reaches failures for which no design point was found: the standard normal
+widened along the directions that the design points span. It bounds the weights, and where its
+samples reach the limit state away from the design points, the estimate has a warning.
 """
 
 from __future__ import annotations

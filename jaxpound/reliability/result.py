@@ -2,8 +2,9 @@
 
 Derivatives of a small probability by parameters of the structures follow from the samples near the
 limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V.
-Samples count whose values are exceeded with probabilities from P e^(−1/2) to P e^(1/2), each by the
-inverse of that probability: its logarithm is nearly a line over such a range, for any tail.
+Only samples near the limit count: those whose value is exceeded with a probability between
+P e^(−1/2) and P e^(1/2). Each is divided by that probability, whose logarithm is nearly a line over
+such a range, for any tail.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``rare_event``: the probability of a rare event from design points and samples around them."""
+"""``rare_event``: the probability of a rare event by the method that suits the scenarios."""
 
 from __future__ import annotations
 
@@ -45,10 +45,13 @@ def rare_event(
 ) -> RareEvent:
     """Probability that random scenarios reach a limit state, however small it is.
 
-    Gradients lead to the likeliest ground motions that reach it, one for each of many instants of
-    the run, and samples are drawn around all of them. For a probability of 1e-6 that takes some
-    2,000 runs, a third of them with gradients, where plain Monte Carlo takes 1e8. Warns
-    (``PlausibilityWarning``) if contact is run in single precision.
+    Discrete numbers, and fewer than 30, are left to subset simulation. Else 256 plain runs come
+    first, and more where the event is frequent. Then gradients lead to the likeliest ground motions
+    that reach the limit state, one for each of many instants of the run. Stronger random motions
+    check that none are missing; in doubt subset simulation follows. Last, samples are drawn around
+    all of these motions. For a probability of 1e-6 that takes some 2,000 runs, a third of them with
+    gradients, where plain Monte Carlo takes 1e8. Warns (``PlausibilityWarning``) if contact is run
+    in single precision.
 
     Parameters
     ----------

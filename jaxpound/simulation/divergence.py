@@ -92,16 +92,16 @@ def growth(
     instance("growth", "scheme", scheme, Scheme)
     # The run, whose gaps are traced, cannot check it.
     require_stable(structures, system, grid, scheme)
-    shaking = as_run(ground, scheme.finest(grid), gravity_of(structures))
+    ground_motion = as_run(ground, scheme.finest(grid), gravity_of(structures))
     if gravity_of(structures) is not None:  # the system below knows no unit of time
-        shaking = sampled(shaking, scheme.finest(grid))
-    if not is_traced((system, shaking)):
-        warn("growth", imprecise(system, shaking), strict=False)
+        ground_motion = sampled(ground_motion, scheme.finest(grid))
+    if not is_traced((system, ground_motion)):
+        warn("growth", imprecise(system, ground_motion), strict=False)
     paths = [f"links.{k}.gap" for k in touching]
 
     def state(gaps: list[Any]) -> Any:
         changed = parameters.put(system, dict(zip(paths, gaps, strict=True)))
-        run = simulate(changed, shaking, grid, scheme)
+        run = simulate(changed, ground_motion, grid, scheme)
         along = jnp.stack([mass.x for mass in run.masses] + [mass.v for mass in run.masses], -1)
         return along, (run.time, along)
 

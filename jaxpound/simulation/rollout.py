@@ -34,7 +34,7 @@ from jaxpound.results.response import Response
 from jaxpound.simulation.batches import spread
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
-from jaxpound.simulation.starting import AtRest, Displaced
+from jaxpound.simulation.starting import AtRest, Displaced, RunStart
 from jaxpound.simulation.state import (
     Instant,
     RunState,
@@ -54,7 +54,7 @@ class Rollout(NamedTuple):
     constants: StepConstants
     zero: jax.Array
     """0; NaN in a run whose input breaks a rule, which makes all of it NaN."""
-    starting: AtRest
+    starting: RunStart
     """How it starts."""
     start: RunState
     extra: Any
@@ -108,24 +108,35 @@ class Rollout(NamedTuple):
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
         constants = step_constants(system, dt, scheme.order, slots)
         start = start_state(system, constants, zero, dt, displaced, velocities)
-        shaking = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
+        excitation = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
         # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
-        first = jax.tree.map(lambda x: x[0], shaking.series)
-        first_acceleration = shaking.at(jnp.zeros((), dtype), first)[1]
+        first = jax.tree.map(lambda x: x[0], excitation.series)
+        first_acceleration = excitation.at(jnp.zeros((), dtype), first)[1]
         before = (dt * first_acceleration * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
-        starting = AtRest(before)
+        starting: RunStart = AtRest(before)
         if displaced is not None:
             ends = constants.topology.rods
             starting = Displaced(tuple(elongation(rod, displaced) for rod in ends))
 
         def advance(state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
             time = m.astype(dtype) * dt
-            now_and_mean = shaking.at(jnp.maximum(time, 0), entry)
+            now_and_mean = excitation.at(jnp.maximum(time, 0), entry)
             a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
-            starts, ends = m == 0, m == grid.n_steps
-            state = starting.before(state, starts)
-            moved = constants, starting, state, sums, time, (a, mean), dt, scheme, starts, ends
-            *after, instant = step(*moved)
+            is_first, is_last = m == 0, m == grid.n_steps
+            state = starting.before(state, is_first)
+            arguments = (
+                constants,
+                starting,
+                state,
+                sums,
+                time,
+                (a, mean),
+                dt,
+                scheme,
+                is_first,
+                is_last,
+            )
+            *after, instant = step(*arguments)
             idle = [state, [zero] * len(sums)]
             return *starting.kept(time, idle, after), instant
 
@@ -134,7 +145,7 @@ class Rollout(NamedTuple):
             n_steps=grid.n_steps,
             orders=orders,
             history=scheme.history,
-            inputs=shaking.series,
+            inputs=excitation.series,
             checkpoint=scheme.checkpoint,
             looped=constants.is_long,
             kernel=constants.is_kernel,

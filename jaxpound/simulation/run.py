@@ -122,9 +122,9 @@ def respond(
     initial: InitialState | None = None,
 ) -> Response:
     """``simulate`` for the function ``owner``, which itself checks that results are plausible."""
-    shaking = _prepare(owner, structures, ground, grid, scheme, strict, initial)
-    balanced = not is_traced((structures, shaking, initial))
-    response, residual = _simulate((structures, shaking, initial), grid, scheme, balanced)
+    ground_motion = _prepare(owner, structures, ground, grid, scheme, strict, initial)
+    balanced = not is_traced((structures, ground_motion, initial))
+    response, residual = _simulate((structures, ground_motion, initial), grid, scheme, balanced)
     response = _finished(response)
     if balanced:
         warn(owner, unbalanced(residual), strict)
@@ -175,7 +175,7 @@ def demand(
     >>> float(demand.pounds)
     0.0
     """
-    shaking = _prepare("demand", structures, ground, grid, scheme, strict, initial)
+    ground_motion = _prepare("demand", structures, ground, grid, scheme, strict, initial)
     if temperature is not None:
         temperature = number("demand", "temperature", temperature)
         if not structures.system().links:
@@ -186,7 +186,8 @@ def demand(
         if isinstance(only, str) or not all(isinstance(name, str) for name in only) or not only:
             raise InvalidInput("demand", "only", repr(only), "must hold names of scalars")
         only = tuple(only)
-    scalars = _finished(_demand((structures, shaking, initial), grid, scheme, temperature, only))
+    case = structures, ground_motion, initial
+    scalars = _finished(_demand(case, grid, scheme, temperature, only))
     scalars = dataclasses.replace(scalars, si=gravity_of(structures) is not None)
     if only is None:
         _warn_of_results("demand", structures, ground, scalars, strict)

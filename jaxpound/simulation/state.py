@@ -184,21 +184,24 @@ def of_all_masses(
     return tuple(positions)
 
 
-def link_pulls(system: StepConstants, loads: Sequence[Any], shaking: Any) -> list[jax.Array]:
+def link_pulls(system: StepConstants, loads: Sequence[Any], acceleration: Any) -> list[jax.Array]:
     """Relative accelerations of the links' ends without these; between masses u'' drops out."""
     pulls, inverse = list[jax.Array](), system.inverse_masses
     for ends in system.topology.links:
-        left, right = (shaking if end == GROUND else loads[end] * inverse[end] for end in ends)
+        left, right = (acceleration if end == GROUND else loads[end] * inverse[end] for end in ends)
         pulls.append(left - right)
     return pulls if system.inerters is None else system.inerters.reduced(pulls)
 
 
 def inerter_forces(
-    system: StepConstants, forces: Sequence[Any], shaking: jax.Array, totals: Sequence[jax.Array]
+    system: StepConstants,
+    forces: Sequence[Any],
+    acceleration: jax.Array,
+    totals: Sequence[jax.Array],
 ) -> dict[int, jax.Array]:
     """Forces of inerters by link, under forces of rods, and of friction and contact."""
     assert system.inerters is not None
-    pulls = link_pulls(system, system.topology.loads(forces), shaking)
+    pulls = link_pulls(system, system.topology.loads(forces), acceleration)
     return system.inerters.forces(pulls, totals)
 
 

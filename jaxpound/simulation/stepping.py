@@ -27,36 +27,48 @@ from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.starting import AtRest
+from jaxpound.simulation.starting import RunStart
 from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
 from jaxpound.simulation.yielding import HysteresisStep, hysteresis_step, moved, observed
 
 
 def step(
     system: StepConstants,
-    start: AtRest,
+    starting: RunStart,
     before: RunState,
     sums: Sequence[jax.Array],
     time: jax.Array,
     ground: tuple[jax.Array, jax.Array],
     dt: float,
     scheme: Scheme,
-    starts: jax.Array,
-    ends: jax.Array,
+    is_first: jax.Array,
+    is_last: jax.Array,
 ) -> tuple[RunState, list[jax.Array], Instant]:
     """One step: the state at t_{m+1}, each rod's c_m for its history, and the instant t_m.
 
-    ``sums`` are the history sums S_m of the rods that have one; ``ground`` is u'' at t_m and its
-    mean over the step from t_m − h/2 to t_m + h/2; ``starts`` and ``ends`` say whether the
-    run starts and ends at t_m, and ``start`` how it starts.
+    c is K τ_x e − τ_f f of a rod, of which its law has a fractional derivative; ``sums`` are the
+    history sums S_m of the rods that have one. ``ground`` is u'' at t_m and its mean over the step
+    from t_m − h/2 to t_m + h/2; ``is_first`` and ``is_last`` say whether the run starts and ends at
+    t_m, and ``starting`` how it starts.
     """
-    acceleration, shaking = ground
+    acceleration, mean_acceleration = ground
     whole = system
-    system, shaking = start.kick(system, shaking, starts)
+    system, mean_acceleration = starting.kick(system, mean_acceleration, is_first)
     topology = system.topology
     x = state.of_all_masses(topology, before.x, [link.closing for link in before.links])
     elongations = [elongation(ends, x) for ends in topology.rods]
-    this = _Step(system, start, before, elongations, time, shaking, dt, scheme, starts, ends)
+    this = _Step(
+        system,
+        starting,
+        before,
+        elongations,
+        time,
+        mean_acceleration,
+        dt,
+        scheme,
+        is_first,
+        is_last,
+    )
 
     rod_steps = this.rod_steps(sums)
     yielding = [this.yielding(r, length) for r, length in enumerate(elongations)]
@@ -76,7 +88,7 @@ def step(
     }
     for mass, moved_mass in free.items():
         v: Any = before.v[mass]
-        free[mass] = moved_mass._replace(v_now=start.velocity_now(moved_mass.v_now, v, starts))
+        free[mass] = moved_mass._replace(v_now=starting.velocity_now(moved_mass.v_now, v, is_first))
 
     def of_free(name: str) -> tuple[jax.Array | None, ...]:
         return tuple(getattr(free.get(mass), name, None) for mass in range(topology.n_masses))
@@ -86,7 +98,7 @@ def step(
             closing=link.closing + dt * motions[k].velocity + motions[k].jump,
             velocity=motions[k].velocity,
             phase=motions[k].phase,
-            pull=start.pull(pulls[k], starts),
+            pull=starting.pull(pulls[k], is_first),
             contact=contacts[k],
         )
         for k, link in enumerate(before.links)
@@ -140,19 +152,19 @@ class _Step(NamedTuple):
     """The inputs of a step, and its parts."""
 
     system: StepConstants
-    start: AtRest  # of the run
+    starting: RunStart
     before: RunState  # the state at t_m
     elongations: list[jax.Array]  # of the rods, at t_m
     time: jax.Array
-    shaking: jax.Array  # mean ground acceleration over the step
+    mean_acceleration: jax.Array  # of the ground over the step
     dt: float
     scheme: Scheme
-    starts: jax.Array
-    ends: jax.Array
+    is_first: jax.Array
+    is_last: jax.Array
 
     def rod_steps(self, sums: Sequence[jax.Array]) -> list[RodStep]:
         """Force, excess and c_m of each rod at t_m; rods are relaxed as they are at the start."""
-        elongations, remaining = self.start.elongations(self.elongations), iter(sums)
+        elongations, remaining = self.starting.elongations(self.elongations), iter(sums)
         rods = zip(self.system.rods, self.before.excess, elongations, strict=True)
         return [
             RodStep(law.modulus * x, None, None)
@@ -166,19 +178,21 @@ class _Step(NamedTuple):
         law, before = self.system.hysteresis[rod], self.before.yielding[rod]
         if law is None or before is None:
             return None
-        return hysteresis_step(law, before, elongation, self.start.hysteresis_starts(self.starts))
+        return hysteresis_step(
+            law, before, elongation, self.starting.hysteresis_starts(self.is_first)
+        )
 
     def loads(
         self, rod_steps: Sequence[RodStep], yielding: Sequence[HysteresisStep | None]
     ) -> tuple[tuple[jax.Array, ...], list[jax.Array], list[jax.Array]]:
         """Forces of the rods at t_m, mean loads on the masses, and mean pulls on the links."""
         system = self.system
-        forces = self.start.forces(tuple(rod.force for rod in rod_steps), system.rods)
+        forces = self.starting.forces(tuple(rod.force for rod in rod_steps), system.rods)
         forces = tuple(f - y.lost if y else f for f, y in zip(forces, yielding, strict=True))
         means = tuple(f - y.kink if y else f for f, y in zip(forces, yielding, strict=True))
         topology = system.topology
         loads = topology.loads(means)
-        return forces, loads, state.link_pulls(system, loads, self.shaking)
+        return forces, loads, state.link_pulls(system, loads, self.mean_acceleration)
 
     def flows(self, pulls: list[jax.Array]) -> list[_GroupFlow]:
         """The groups of links that may touch or share masses, after their local flows."""
@@ -235,11 +249,11 @@ class _Step(NamedTuple):
             velocity=jnp.stack([link.velocity for link in links]),
             state=jax.tree.map(lambda *y: jnp.stack(y), *(link.contact for link in links)),
             pull=pull,
-            rise=self.start.rise(pull, last, self.starts, group.root == GROUND),
+            rise=self.starting.rise(pull, last, self.is_first, group.root == GROUND),
             time=self.time,
-            starts=self.starts,
-            ends=self.ends,
-            halfway=self.start.halfway,
+            is_first=self.is_first,
+            is_last=self.is_last,
+            halfway=self.starting.halfway,
             dt=self.dt,
             slots=self.system.slots,
             faces=group.faces,
@@ -249,7 +263,7 @@ class _Step(NamedTuple):
         self, pulls: Sequence[jax.Array], flows: Sequence[_GroupFlow]
     ) -> tuple[list[jax.Array], list[ContactState | None], dict[int, LinkMotion]]:
         """Closings at t_m, contact after the step, and motion of all links under their pulls."""
-        system, starts = self.system, self.starts
+        system, is_first = self.system, self.is_first
         closings = [link.closing for link in self.before.links]
         contacts: list[ContactState | None] = [None] * len(closings)
         motions: dict[int, LinkMotion] = {}
@@ -271,20 +285,22 @@ class _Step(NamedTuple):
             else:
                 plain = contact_group.motion_without_events(coupled, before)
                 if group.root == GROUND:
-                    plain = self.start.on_ground(plain, starts, self.scheme)
+                    plain = self.starting.on_ground(plain, is_first, self.scheme)
                 plain = contact_group.with_other_faces(plain, group.faces)
             after = contact_group.finish_step(coupled, before, plain, result, used, pull_change)
             for k, of_link in _by_link(group, after).items():
                 closings[k], contacts[k], motions[k] = of_link
         for k, link in enumerate(self.before.links):
             of_link = closings[k], contacts[k], motions[k]
-            closings[k], contacts[k], motions[k] = self.start.link(link, of_link, starts, self.dt)
+            closings[k], contacts[k], motions[k] = self.starting.link(
+                link, of_link, is_first, self.dt
+            )
         return closings, contacts, motions
 
     def _slide(self, k: int, pull: jax.Array) -> LinkMotion:
         """Motion of a link that shares no mass, without contact."""
         link, ends, system = self.before.links[k], self.system.topology.links[k], self.system
-        rise = self.start.rise(pull, link.pull, self.starts, GROUND in ends)
+        rise = self.starting.rise(pull, link.pull, self.is_first, GROUND in ends)
         inverse_mass = state.link_inverse_mass(ends, system.inverse_masses)
         if system.inerters is not None:
             inverse_mass = system.inerters.delassus[k, k]
@@ -293,7 +309,7 @@ class _Step(NamedTuple):
             LinkStep(link.velocity, link.phase, pull, rise, inverse_mass, friction, self.dt)
         )
         if GROUND in ends:
-            return self.start.on_ground(motion, self.starts, self.scheme)
+            return self.starting.on_ground(motion, self.is_first, self.scheme)
         return motion
 
     def kick_and_drift(
@@ -317,7 +333,7 @@ class _Step(NamedTuple):
                     kick = motions[k].velocity - self.before.links[k].velocity
                     force = force + system.inerters.inertances[k] * kick / self.dt
                 load = load - force if ends[0] == mass else load + force
-        v = v_before + self.dt * (load * system.inverse_masses[mass] - self.shaking)
+        v = v_before + self.dt * (load * system.inverse_masses[mass] - self.mean_acceleration)
         free = _FreeMass(x + self.dt * v, v, x, (v_before + v) / 2)
         if not links:
             return free

@@ -24,7 +24,7 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
-from jaxpound.simulation.starting import AtRest
+from jaxpound.simulation.starting import RunStart
 from jaxpound.simulation.state import (
     Instant,
     StepConstants,
@@ -71,9 +71,9 @@ class GroundPeaks(NamedTuple):
     largest: jax.Array
     largest_velocity: jax.Array
 
-    def observe(self, a: jax.Array, dt: float, starts: jax.Array) -> GroundPeaks:
-        """The peaks with one more acceleration, the first of all if the run ``starts``."""
-        gained = jnp.where(starts, 0.0, dt * (self.last + a) / 2)
+    def observe(self, a: jax.Array, dt: float, is_first: jax.Array) -> GroundPeaks:
+        """The peaks with one more acceleration, which may be the first of the run."""
+        gained = jnp.where(is_first, 0.0, dt * (self.last + a) / 2)
         velocity = self.velocity + gained
         peak = larger(self.largest, jnp.abs(a))
         return GroundPeaks(a, velocity, peak, larger(self.largest_velocity, jnp.abs(velocity)))
@@ -91,7 +91,7 @@ class _ObservedInstant(NamedTuple):
     turns: list[jax.Array]  # by link: whether its slip velocity vanishes near the instant
     links: tuple[LinkTally, ...]  # with this instant
     last_forces: Sequence[jax.Array]  # of the rods, an instant before
-    last_shaking: jax.Array
+    last_acceleration: jax.Array
 
     def displacement(self, peak: Peak, ends: Ends) -> Peak:
         """The peak of x_i − x_j, or of x_i where j is the ground; impacts are kinks of the path."""
@@ -180,11 +180,11 @@ class _ObservedInstant(NamedTuple):
             return load
         rods = zip(self.now.forces, self.last_forces, strict=True)
         forces = [force + (force - last) * late for force, last in rods]
-        shaking = self.now.ground_acceleration
-        shaking = shaking + (shaking - self.last_shaking) * late
+        acceleration = self.now.ground_acceleration
+        acceleration = acceleration + (acceleration - self.last_acceleration) * late
         links = enumerate(self.now.links)
         totals = [changed.get(k, link.motion.total_force) for k, link in links]
-        inertia = inerter_forces(self.system, forces, shaking, totals)
+        inertia = inerter_forces(self.system, forces, acceleration, totals)
         return load + sum(sign * inertia[k] for k, sign in signs.items() if k in inertia)
 
 
@@ -284,13 +284,13 @@ class Tally(NamedTuple):
         self,
         now: Instant,
         system: StepConstants,
-        start: AtRest,
+        starting: RunStart,
         dt: float,
         last: jax.Array,
         temperature: Any,
     ) -> Tally:
         """Add one instant; ``last`` says whether the run ends with it."""
-        smooth = start.smooth(now.time, dt)
+        smooth = starting.smooth(now.time, dt)
         # Weights of the trapezoidal rule: half a step for the first instant and the last.
         share = jnp.where(last | (now.time <= 0), dt / 2, dt).astype(now.forces[0].dtype)
         turns = [link.motion.turns & (~last | (link.motion.turn_time <= 0)) for link in now.links]
@@ -317,7 +317,7 @@ class Tally(NamedTuple):
             rods=each(observe_rod, self.rods, system.hysteresis, now.rods, peaks),
             links=links,
         )
-        return start.kept(now.time, self, observed)
+        return starting.kept(now.time, self, observed)
 
     def demand(
         self,

@@ -90,15 +90,15 @@ def hysteresis_step(
     constants: HysteresisConstants,
     before: HysteresisState,
     elongation: jax.Array,
-    starts: jax.Array | None,
+    is_first: jax.Array | None,
 ) -> HysteresisStep:
     """The rod at t_m, from its state at t_{m−1} and its elongation at t_m.
 
-    ``starts`` says whether the run begins at t_m displaced or moving; None for runs from rest.
+    ``is_first`` says whether the run begins at t_m displaced or moving; None for runs from rest.
     """
     law = constants.law
     e, last = (_within(constants.ultimate, x) for x in (elongation, before.elongation))
-    change = e - last if starts is None else jnp.where(starts, before.change, e - last)
+    change = e - last if is_first is None else jnp.where(is_first, before.change, e - last)
     if isinstance(law, Dashpot):
         state = constants.once(law.over_step(before.of_law, last, e))
         lost = constants.once(constants.modulus * state.elongation)

@@ -1,8 +1,10 @@
 """A folder of finished chunks: a manifest that identifies the study, and one archive a chunk.
 
 Each file is written whole under another name and then moved, never edited, so that independent
-processes can fill one store at once without a lock: the manifest and a full chunk are the same from
-every process, and an empty file ``samples-N`` requests N samples (the largest N counts). The name
+processes can fill one store at once without a lock: the first manifest stays, a study's full chunk
+has the same numbers from every process, and an empty file ``samples-N`` requests N samples (the
+largest N counts). A ``RunLog`` is for one process: of two, each would replace runs of the other,
+which are then only run again. The name
 of a last chunk with fewer samples states their number; a larger study removes it once it has
 written the full chunk. Damaged chunks are computed again and replaced.
 """

@@ -69,7 +69,8 @@ def monte_carlo(
 
     With a store, the same call resumes a call that was stopped at any moment; a larger n extends
     the study. A warning names damaged chunks, which are run again. Several processes may fill one
-    store at once, even with different n. (Results agree to the last bit if the numbers of JAX
+    store at once, even with different n; with a ``shard`` each runs its part, without one each runs
+    all chunks that were missing when it began. (Results agree to the last bit if the numbers of JAX
     devices and of threads of the linear algebra are the same; else to rounding.)
 
     Parameters

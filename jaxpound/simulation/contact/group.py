@@ -153,8 +153,8 @@ class GroupStep:
     pull: jax.Array  # A_m
     rise: jax.Array  # A_m − A_{m−1}
     time: jax.Array
-    starts: jax.Array  # whether t_m = 0
-    ends: jax.Array  # whether the run ends at t_m
+    is_first: jax.Array  # whether t_m = 0
+    is_last: jax.Array  # whether the run ends at t_m
     halfway: bool = dataclasses.field(metadata={"static": True})  # a run starts in mid-step
     dt: float = dataclasses.field(metadata={"static": True})  # h
     slots: int = dataclasses.field(metadata={"static": True})  # impacts of a face to be recorded
@@ -243,8 +243,8 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
         resistances=group.resistances,
         contact=state.contact,
     )
-    begin = jnp.where(before.starts & before.halfway, h / 2, 0.0).astype(before.velocity.dtype)
-    clock = records.Clock(before.time, begin, before.ends)
+    begin = jnp.where(before.is_first & before.halfway, h / 2, 0.0).astype(before.velocity.dtype)
+    clock = records.Clock(before.time, begin, before.is_last)
     result = flow(h, before.slots, needed, inputs, clock, before.faces)
     # A single link that did not touch keeps its closed form.
     touched = ~(result.log.touched == 0).all()  # true for NaN
@@ -256,7 +256,7 @@ def mean_sample(result: FlowResult, before: GroupStep) -> jax.Array:
     """The closings at t_m that the rods take after a step with a flow."""
     kink = result.velocity - before.velocity
     # The first sample of a run is exact.
-    return jnp.where(before.starts, before.closing, result.mean - before.dt / 24 * kink)
+    return jnp.where(before.is_first, before.closing, result.mean - before.dt / 24 * kink)
 
 
 def finish_step(

@@ -360,7 +360,7 @@ class LocalFlow:
         now, until_middle = self._midstep(middle)
         until_end = x.contact._replace(impulse=at.impulse), at.stored, at.lost, x.log
         contact, stored, lost, log = jax.tree.map(
-            lambda a, b: jnp.where(self.setting.clock.ends, a, b), until_middle, until_end
+            lambda a, b: jnp.where(self.setting.clock.is_last, a, b), until_middle, until_end
         )
         return FlowResult(
             closing=at.s,

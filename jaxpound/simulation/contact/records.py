@@ -58,7 +58,7 @@ class Clock(NamedTuple):
 
     middle: jax.Array  # time of the run in the middle of the step
     begin: jax.Array  # from the start of the step: 0, or h/2 if the run starts in mid-step
-    ends: jax.Array  # whether the run ends in mid-step
+    is_last: jax.Array  # whether the run ends in mid-step
 
 
 class Impacts(NamedTuple):
