@@ -1,16 +1,20 @@
-"""Writes ``moat.json``: links of two faces and dampers in links, solved from event to event.
+"""Solves the cases of ``moat.json`` anew: links of two faces and dampers, from event to event.
 
-Nothing of jaxpound is used. Rods are Zener's of order 1, f = K (e + (τx/τf − 1) y) with the
-elongation e and τf y' = τf e' − y; or a power law's, f = K (e − y) with y' = v |f/F|^(1/a) sgn f.
-So the state is that of an ordinary differential equation, which DOP853 integrates from one event to
-the next: touch and release, the end of a clipped force and its largest value, slip and stick, the
-sign of a power law's force. An event is found to rounding, by integration up to each trial.
-Friction is set-valued. By Newton's law a link that approaches more slowly than ``REST`` stays
-closed. Derivatives are central differences of such runs, extrapolated.
+Nothing of jaxpound is used. A case is what stands in the file: masses, rods, a link with its left
+and right gap and the law of each face, wavelets, and the numbers by which derivatives are taken.
+Rods are Zener's of order 1, f = K (e + (τx/τf − 1) y) with the elongation e and τf y' = τf e' − y;
+or a power law's, f = K (e − y) with y' = v |f/F|^(1/a) sgn f. So the state is that of an ordinary
+differential equation, which DOP853 integrates from one event to the next: touch and release, the
+end of a clipped force and its largest value, slip and stick, the sign of a power law's force. An
+event is found to rounding, by integration up to each trial. Friction is set-valued. By Newton's law
+a link that approaches more slowly than ``REST`` stays closed. Derivatives are central differences
+of such runs, extrapolated.
 """
 
 import copy
+import functools
 import json
+import operator
 from pathlib import Path
 
 import numpy as np
@@ -22,82 +26,6 @@ LONGEST = 0.02  # substep, at eight places of which events are looked for
 REST = 1e-9
 END, EVERY = 14.4, 1.2
 APART, PRESSED, CLIPPED, CLOSED = range(4)
-
-
-def rod(ends, stiffness, tau_f, tau_x):
-    return {"ends": ends, "K": stiffness, "tf": tau_f, "tx": tau_x}
-
-
-def dashpot(ends, stiffness, force, exponent, velocity):
-    return {"ends": ends, "K": stiffness, "F": force, "a": exponent, "v": velocity}
-
-
-def link(ends, friction, gaps, faces):
-    """A link with its left and right gap, and the law of each."""
-    return {"ends": ends, "mu": friction, "gap": gaps, "faces": faces}
-
-
-def kelvin(stiffness, restitution):
-    return {"k": stiffness, "e": restitution}
-
-
-def ricker(amplitude, periods, arrivals):
-    return {"u0": amplitude, "tp": periods, "ts": arrivals}
-
-
-BASE, STOREY, RIGHT, BESIDE = [0, -1], [1, 0], [1, -1], [0, 1]
-ISOLATED = [rod(BASE, 1.5, 0.05, 0.2), rod(STOREY, 20.0, 0.02, 0.04)]
-PAIR = [rod(BASE, 4.0, 0.03, 0.2), rod(RIGHT, 9.0, 0.02, 0.1)]
-SHAKING = ricker(0.25, [1.6, 2.4], [3.4, 5.6])
-STRONGER = ricker(0.4, [1.6, 2.4], [3.4, 5.6])
-CUSHIONS = [kelvin(400.0, 0.65), kelvin(300.0, 0.7)]
-CASES = {
-    "one mass": {
-        "m": [1.0],
-        "rods": [rod(BASE, 4.0, 0.03, 0.15)],
-        "link": link(BASE, 0.1, [0.12, 0.15], [kelvin(400.0, 0.65), kelvin(250.0, 0.8)]),
-        "ricker": SHAKING,
-        "by": ["link.gap.0", "link.faces.1.k"],
-    },
-    "narrow slot": {
-        "m": [1.0],
-        "rods": [rod(BASE, 10.0, 0.03, 0.15)],
-        "link": link(BASE, 0.0, [0.0045, 0.0055], [kelvin(1e5, 0.8), kelvin(1e5, 0.8)]),
-        "ricker": ricker(0.06, [0.6], [3.4]),
-        "by": ["link.faces.0.e", "link.faces.1.e"],
-    },
-    "storey above": {
-        "m": [1.0, 0.8],
-        "rods": ISOLATED,
-        "link": link(BASE, 0.05, [0.1, 0.16], [{"e": 0.6}, {"e": 0.6}]),
-        "ricker": SHAKING,
-        "by": ["link.gap.0", "link.faces.1.e"],
-    },
-    "power law": {
-        "m": [1.0, 0.7],
-        "rods": [*PAIR, dashpot(BESIDE, 60.0, 0.3, 0.35, 0.5)],
-        "link": link(BESIDE, 0.0, [0.1, 0.14], CUSHIONS),
-        "ricker": STRONGER,
-        "by": ["rods.2.F", "rods.2.a"],
-    },
-    "dashpot and friction": {
-        "m": [1.0, 0.7],
-        "rods": [*PAIR, dashpot(BESIDE, 60.0, 0.2, 1.0, 1.0)],
-        "link": link(BESIDE, 0.1, [0.1, 0.14], CUSHIONS),
-        "ricker": STRONGER,
-        "by": ["rods.2.F", "link.mu"],
-    },
-    "sliding base": {
-        "m": [1.0, 0.8],
-        "rods": ISOLATED,
-        "link": {
-            **link(BASE, 0.05, [0.1, 0.16], [kelvin(600.0, 0.6), kelvin(600.0, 0.6)]),
-            "velocity_friction": {"F": 0.05, "v": 0.1},
-        },
-        "ricker": SHAKING,
-        "by": ["link.mu", "link.velocity_friction.v"],
-    },
-}
 
 
 class Flow:
@@ -337,33 +265,35 @@ class Run(Flow):
         return np.array([self.state[-4:-2].sum(), self.x[-1][0]])
 
 
-def changed(case, path, share):
-    """The case with a number changed by a share of itself, and the change."""
-    case = copy.deepcopy(case)
+def part_at(case, path):
+    """The part of a case that has the number at a path, such as ``link.gap.0``, and where in it."""
     *places, last = [int(x) if x.isdigit() else x for x in path.split(".")]
-    part = case
-    for place in places:
-        part = part[place]
-    change = share * part[last]
-    part[last] += change
-    return case, change
+    return functools.reduce(operator.getitem, places, case), last
+
+
+def changed(case, path, value):
+    """The case with another number at a path."""
+    case = copy.deepcopy(case)
+    part, last = part_at(case, path)
+    part[last] = value
+    return case
 
 
 def derivatives(case, path):
     """By a number, and by how much they may be wrong."""
+    part, last = part_at(case, path)
     central = []
-    for share in (4e-4, 2e-4):
-        (more, change), (less, _) = (changed(case, path, x) for x in (share, -share))
-        central.append((Run(more).outputs() - Run(less).outputs()) / (2 * change))
+    for change in (4e-4 * part[last], 2e-4 * part[last]):
+        ends = (Run(changed(case, path, part[last] + x)).outputs() for x in (change, -change))
+        central.append(np.subtract(*ends) / (2 * change))
     extrapolated = central[1] + (central[1] - central[0]) / 3
     return extrapolated.tolist(), np.abs(extrapolated - central[1]).tolist()
 
 
 def result(case):
     run = Run(case)
-    by = {path: derivatives(case, path) for path in case["by"]}
-    system = {name: case[name] for name in ("m", "rods", "link", "ricker")}
-    return system | {
+    by = {path: derivatives(case, path) for path in case["derivatives"]}
+    return case | {
         "x": run.x,
         "min_gap": np.subtract(run.link["gap"], run.extremes).tolist(),
         "impacts": run.impacts,
@@ -377,14 +307,6 @@ def result(case):
     }
 
 
-NOTE = (
-    "Independent reference by moat.py: from event to event, DOP853 of relative accuracy 1e-11. "
-    "Dimensionless, from rest. x: of each mass at t = 1.2, 2.4, ..., 14.4. Pairs are of the left "
-    "and the right face. impacts: instant and speed. derivatives: of the energy lost by contact "
-    "and of x of mass 0 at the end; derivatives_within: by how much they may be wrong."
-)
-
-
 def rounded(values):
     """To eleven digits."""
     if isinstance(values, dict):
@@ -395,6 +317,8 @@ def rounded(values):
 
 
 if __name__ == "__main__":
-    cases = {name: rounded(result(case)) for name, case in CASES.items()}
-    text = json.dumps({"note": NOTE, "cases": cases}, separators=(",", ":"))
-    Path(__file__).with_suffix(".json").write_text(text.replace('},"', '},\n"') + "\n")
+    file = Path(__file__).with_suffix(".json")
+    known = json.loads(file.read_text())
+    cases = {name: rounded(result(case)) for name, case in known["cases"].items()}
+    text = json.dumps(known | {"cases": cases}, separators=(",", ":"))
+    file.write_text(text.replace('},"', '},\n"') + "\n")

@@ -11,78 +11,50 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxpound as jp
+from tests.oracles.moat import END, EVERY, changed, part_at
 from tests.reference import load
+from tests.simulation.pairs import in_unit_of_time
 
 CASES = load("moat")["cases"]
-END, EVERY = 14.4, 1.2
 STEPS = (0.04, 0.02, 0.01)
 GRID = jp.TimeGrid(STEPS[0], round(END / STEPS[-1]))
 
 
-def numbers_of(case):
-    """Numbers of a case that are not places, in the order of its leaves."""
-    leaves = jax.tree.leaves(_system(case))
-    return np.array([x for x in leaves if isinstance(x, float)])
-
-
-def with_numbers(case, numbers):
-    """The case with others."""
-    leaves, structure = jax.tree.flatten(_system(case))
-    others = iter(numbers)
-    return structure.unflatten([next(others) if isinstance(x, float) else x for x in leaves])
-
-
-def changed(case, path, value):
-    """The case with the number at a path, such as ``link.gap.0``, changed."""
-    place, leaves = "".join(f"['{x}']" for x in path.split(".")), []
-    for keys, leaf in jax.tree_util.tree_leaves_with_path(_system(case)):
-        at = "".join(f"['{getattr(key, 'key', getattr(key, 'idx', ''))}']" for key in keys)
-        leaves.append(value if at == place else leaf)
-    return case | jax.tree.structure(_system(case)).unflatten(leaves)
-
-
-def _system(case):
-    return {name: case[name] for name in ("m", "rods", "link")}
-
-
-def system_of(case, unit=1.0):
-    """A case's system in a unit of time: forces grow with its square, and times fall."""
-    force = unit**2
+def system_of(case):
+    """A case's system."""
 
     def rod(x):
         if "F" in x:
-            material = jp.PowerLaw(x["F"] * force, x["a"], x["v"] * unit)
+            material = jp.PowerLaw(x["F"], x["a"], x["v"])
         else:
-            material = jp.ZenerRod(1.0, x["tf"] / unit, x["tx"] / unit)
-        return jp.Rod(material, x["K"] * force, tuple(x["ends"]))
+            material = jp.ZenerRod(1.0, x["tf"], x["tx"])
+        return jp.Rod(material, x["K"], tuple(x["ends"]))
 
     def law(x):
-        return jp.KelvinVoigt(x["k"] * force, x["e"]) if "k" in x else jp.Newton(x["e"])
+        return jp.KelvinVoigt(x["k"], x["e"]) if "k" in x else jp.Newton(x["e"])
 
     link, gain = case["link"], case["link"].get("velocity_friction")
-    return jp.System(
-        tuple(case["m"]),
-        tuple(map(rod, case["rods"])),
-        (
-            jp.Link(
-                tuple(link["ends"]),
-                link["mu"] * force,
-                tuple(link["gap"]),
-                tuple(map(law, link["faces"])),
-                velocity_friction=gain and jp.VelocityFriction(gain["F"] * force, gain["v"] * unit),
-            ),
-        ),
-    )
+    sides = tuple(link["ends"]), link["mu"], tuple(link["gap"]), tuple(map(law, link["faces"]))
+    increase = gain and jp.VelocityFriction(gain["F"], gain["v"])
+    rods = tuple(map(rod, case["rods"]))
+    return jp.System(tuple(case["m"]), rods, (jp.Link(*sides, velocity_friction=increase),))
 
 
-def ground_of(case, sign=1.0):
-    """Two wavelets or fewer."""
-    ricker = case["ricker"]
-    missing = (0, 2 - len(ricker["tp"]))
+def direction(case, path):
+    """Of a case's system: that of the number at a path."""
+    part, name = part_at(case, path)
+    other = system_of(changed(case, path, 0.9 * part[name]))
+    return jax.tree.map(lambda x, y: float(x != y), system_of(case), other)
+
+
+def ground_of(case, unit=1.0, sign=1.0):
+    """Two wavelets or fewer, after a run in a unit of time has rested."""
+    amplitude, periods, arrivals = (np.array(case["ricker"][x]) for x in ("u0", "tp", "ts"))
+    missing = (0, 2 - periods.size)
     return jp.Ricker(
-        np.pad(sign * ricker["u0"] * np.ones(len(ricker["tp"])), missing),
-        np.pad(np.array(ricker["tp"]), missing, constant_values=1.0),
-        np.pad(np.array(ricker["ts"]), missing),
+        np.pad(sign * amplitude * np.ones(periods.size), missing),
+        np.pad(periods, missing, constant_values=1.0),
+        np.pad(arrivals, missing) + rests(unit),
     )
 
 
@@ -91,58 +63,34 @@ def rests(unit):
     return GRID.duration * unit - END
 
 
-def shaken(ground, unit):
-    """The ground of a run in a unit of time."""
-    arrivals = (ground.arrivals + rests(unit)) / unit
-    return jp.Ricker(ground.amplitude, ground.periods / unit, arrivals)
+@jax.jit
+def along(system, direction, unit, ground):
+    """What the reference has derivatives of, these along a direction, and the response."""
+
+    def run(system):
+        response = jp.simulate(*in_unit_of_time(unit, system, ground), GRID)
+        lost = sum(link.contact_work for link in response.demand.links) / unit**2
+        return jnp.stack([lost, response.masses[0].x[-1]]), response
+
+    return jax.jvp(run, (system,), (direction,), has_aux=True)
 
 
-def outputs(case, numbers, unit, ground):
-    """What the reference has derivatives of, in its units, and the response."""
-    system = system_of(with_numbers(case, numbers), unit)
-    response = jp.simulate(system, shaken(ground, unit), GRID)
-    lost = sum(link.contact_work for link in response.demand.links) / unit**2
-    return jnp.stack([lost, response.masses[0].x[-1]]), response
-
-
-@functools.cache
-def program(name):
-    """A function of numbers, a direction of them, unit and ground, for cases of one topology."""
-    case = CASES[name]
-
-    @jax.jit
-    def along(numbers, direction, unit, ground):
-        """Results, their derivatives along the direction, and the response."""
-        run = functools.partial(outputs, case, unit=unit, ground=ground)
-        return jax.jvp(run, (numbers,), (direction,), has_aux=True)
-
-    return along
-
-
-def direction(case, path):
-    """Of numbers: that of the one at a path."""
-    return 1.0 * (numbers_of(changed(case, path, np.nan)) != numbers_of(case))
+def response_of(case, unit=1.0, sign=1.0):
+    """A run by the same program."""
+    system = system_of(case)
+    still = jax.tree.map(lambda x: 0.0, system)
+    return along(system, still, unit, ground_of(case, unit, sign))[2]
 
 
 @functools.cache
-def runs(name, like):
-    """By step: results, their derivatives by the reference's numbers and the response.
-
-    ``like`` is the case whose program it is.
-    """
+def runs(name):
+    """By step: derivatives by the reference's numbers, and the response."""
     case, by_step = CASES[name], {}
+    ways = [direction(case, path) for path in case["derivatives"]]
     for step in STEPS:
-        each = [
-            program(like)(
-                numbers_of(case),
-                direction(case, path),
-                step / GRID.dt,
-                ground_of(case),
-            )
-            for path in case["derivatives"]
-        ]
-        slopes = np.stack([slope for _, slope, _ in each])
-        by_step[step] = each[0][0], slopes, jax.device_get(each[0][2])
+        inputs = step / GRID.dt, ground_of(case, step / GRID.dt)
+        each = [along(system_of(case), way, *inputs) for way in ways]
+        by_step[step] = np.stack([slope for _, slope, _ in each]), jax.device_get(each[0][2])
     return by_step
 
 
@@ -153,7 +101,7 @@ def errors_of_displacements(case, response, step):
     return np.abs(x - np.array(case["x"]))
 
 
-def check(name, like, displacements, slopes):
+def check(name, displacements, slopes):
     """Runs of a case against the reference, of second order, and the last of them in all it has.
 
     Of the last, displacements are within this share of their largest, and derivatives within this
@@ -161,7 +109,7 @@ def check(name, like, displacements, slopes):
     """
     case, of_x, of_slopes = CASES[name], [], []
     size, known = np.abs(case["x"]).max(), np.array([*case["derivatives"].values()])
-    for step, (_, ours, response) in runs(name, like).items():
+    for step, (ours, response) in runs(name).items():
         of_x.append(errors_of_displacements(case, response, step) / size)
         of_slopes.append(np.linalg.norm((ours - known) / np.linalg.norm(known, axis=1)[:, None]))
     rms = [np.sqrt(np.mean(errors**2)) for errors in of_x]
@@ -207,11 +155,9 @@ def check_scalars(case, response, unit):
 def check_mirror(name):
     """A case and its mirror image: each face is that of the other side, but for rounding."""
     case = CASES[name]
-    link, numbers = case["link"], numbers_of(case)
+    link = case["link"]
     swapped = case | {"link": {**link, "gap": link["gap"][::-1], "faces": link["faces"][::-1]}}
-    still = np.zeros_like(numbers)
-    ours = program(name)(numbers, still, 1.0, ground_of(case))[2]
-    mirrored = program(name)(numbers_of(swapped), still, 1.0, ground_of(case, sign=-1.0))[2]
+    ours, mirrored = response_of(case), response_of(swapped, sign=-1.0)
     assert ours.demand.n_impacts_1 >= 4
     within = {"rtol": 0, "atol": 1e-12}
     for mass, other in zip(ours.masses, mirrored.masses, strict=True):

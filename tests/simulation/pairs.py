@@ -72,6 +72,10 @@ def in_unit_of_time(unit, system, ground):
             return dataclasses.replace(law, **times)
         if law is None or isinstance(law, jp.Newton | jp.Bilinear | jp.BoucWen):
             return law
+        if isinstance(law, jp.PowerLaw):
+            return dataclasses.replace(law, force=law.force * unit**2, velocity=law.velocity * unit)
+        if isinstance(law, jp.VelocityFriction):
+            return jp.VelocityFriction(law.increase * unit**2, law.velocity * unit)
         return dataclasses.replace(law, stiffness=law.stiffness * unit**2)
 
     rods = [
@@ -79,7 +83,12 @@ def in_unit_of_time(unit, system, ground):
         for rod in system.rods
     ]
     links = [
-        dataclasses.replace(link, friction=link.friction * unit**2, contact=in_unit(link.contact))
+        dataclasses.replace(
+            link,
+            friction=link.friction * unit**2,
+            contact=in_unit(link.contact),
+            velocity_friction=in_unit(link.velocity_friction),
+        )
         for link in system.links
     ]
     ground = dataclasses.replace(

@@ -7,43 +7,32 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.simulation.moats import (
-    CASES,
-    GRID,
-    STEPS,
-    changed,
-    check,
-    check_mirror,
-    ground_of,
-    numbers_of,
-    program,
-)
+from tests.simulation import moats
 
+GROUND = jp.Ricker(0.25, [1.6, 2.4], [3.4, 5.6])
 WITHIN = {  # shares of the largest displacement, and of the derivatives
-    "power law": ("power law", 1e-3, 0.01),
-    "dashpot and friction": ("power law", 1e-3, 2e-3),
-    "sliding base": ("sliding base", 3e-3, 0.012),
+    "power law": (1e-3, 0.01),
+    "dashpot and friction": (1e-3, 2e-3),
+    "sliding base": (3e-3, 0.012),
 }
-FINE = STEPS[-1] / GRID.dt
 
 
 @pytest.mark.parametrize("name", WITHIN)
 def test_runs_and_their_derivatives_are_those_of_the_reference(name):
-    check(name, *WITHIN[name])
+    moats.check(name, *WITHIN[name])
 
 
 @pytest.mark.parametrize("name", ["power law", "sliding base"])
 def test_the_mirror_image_has_the_faces_of_the_other_side(name):
-    check_mirror(name)
+    moats.check_mirror(name)
 
 
 def response(name, **values):
     """Of a case that does not touch, at the last step, with numbers changed by their paths."""
-    case = CASES[name]
+    case = moats.CASES[name]
     for path, value in {"link.gap.0": 9.0, "link.gap.1": 9.0, **values}.items():
-        case = changed(case, path, value)
-    numbers = numbers_of(case)
-    return program(name)(numbers, 0 * numbers, FINE, ground_of(case))[2]
+        case = moats.changed(case, path, value)
+    return moats.response_of(case, unit=moats.STEPS[-1] / moats.GRID.dt)
 
 
 def test_a_small_exponent_is_coulombs_friction():
@@ -76,8 +65,7 @@ def test_a_linear_dashpot_beside_a_spring_is_a_zener_rod():
         jp.Rod(jp.PowerLaw(dashpot / 2, 1.0, velocity=0.5), brace, base),
     )
     zener = jp.Rod(jp.ZenerRod(1.0, tau, tau * (1 + brace / spring)), spring, base)
-    ground = ground_of(CASES["one mass"])
-    ours, exact = (jp.simulate(jp.System((1.0,), x), ground, grid) for x in (rods, (zener,)))
+    ours, exact = (jp.simulate(jp.System((1.0,), x), GROUND, grid) for x in (rods, (zener,)))
     x, force = exact.x1, exact.f1
     np.testing.assert_allclose(ours.x1, x, rtol=0, atol=5e-4 * np.abs(x).max())
     np.testing.assert_allclose(ours.f1 + ours.f2, force, rtol=0, atol=2e-3 * np.abs(force).max())
@@ -95,7 +83,7 @@ def test_the_damper_of_a_link_is_a_rod():
 
 def test_reverse_mode_is_forward_mode_and_a_batch_is_a_loop():
     """By all numbers of a base that slides, with a damper, at four velocities of the friction."""
-    base, grid, ground = (0, jp.GROUND), jp.TimeGrid(0.04, 200), ground_of(CASES["one mass"])
+    base, grid = (0, jp.GROUND), jp.TimeGrid(0.04, 200)
     only = ("peak_x1", "friction_work", "dissipated_energy_2")
 
     def value(numbers):
@@ -105,7 +93,7 @@ def test_reverse_mode_is_forward_mode_and_a_batch_is_a_loop():
             jp.Rod(jp.PowerLaw(force, exponent), brace, base),
         )
         link = jp.Link(base, friction, velocity_friction=jp.VelocityFriction(increase, velocity))
-        demand = jp.demand(jp.System((1.0,), rods, (link,)), ground, grid, only=only)
+        demand = jp.demand(jp.System((1.0,), rods, (link,)), GROUND, grid, only=only)
         return demand.peak_x1 + demand.friction_work + demand.dissipated_energy_2
 
     batch = np.array([[0.1, 0.4, 50.0, 0.05, 0.05, x] for x in (0.01, 0.1, 0.2, 1.0)])
