@@ -30,6 +30,10 @@ WITHOUT_PULL = tuple(sorted({law_name(CASES[name]) for name in PAIRS}.difference
 """The laws of pairs whose force does not pull: they share a program."""
 
 
+RODS = ("al", "tfa", "txa"), ("be", "tfb", "txb")
+"""Names of the numbers of a pair's rods."""
+
+
 def law_of(link):
     return LAWS[link["law"]](link["k"], link["e"])
 
@@ -37,23 +41,29 @@ def law_of(link):
 def system_of(case):
     """A case's system; the pair in the form that shares its program with other pairs."""
     system = case["system"]
-    materials = [jp.ZenerRod(rod["order"], rod["tf"], rod["tx"]) for rod in system["rods"]]
     if "parameters" in case:
-        p = case["parameters"]
-        return jp.AdjacentStructures(
-            *materials, p["rho"], p["eps"], p["mu"], p["gap0"], law_of(system["links"][0])
-        )
-    return jp.System(
-        masses=tuple(system["m"]),
-        rods=tuple(
-            jp.Rod(material, rod["K"], (rod["b"], rod["a"]))
-            for material, rod in zip(materials, system["rods"], strict=True)
-        ),
-        links=tuple(
-            jp.Link((link["a"], link["b"]), link["mu"], link["gap0"], law_of(link))
-            for link in system["links"]
-        ),
+        return pair_of(numbers(case), law_of(system["links"][0]))
+    rods = tuple(
+        jp.Rod(jp.ZenerRod(x["order"], x["tf"], x["tx"]), x["K"], (x["b"], x["a"]))
+        for x in system["rods"]
     )
+    links = (jp.Link((x["a"], x["b"]), x["mu"], x["gap0"], law_of(x)) for x in system["links"])
+    return jp.System(tuple(system["m"]), rods, tuple(links))
+
+
+def numbers(case):
+    """A pair's parameters, by the reference's names."""
+    p, (link,), (a, b) = case["parameters"], case["system"]["links"], case["system"]["rods"]
+    rods = {"al": a["order"], "be": b["order"], "tfa": a["tf"], "tfb": b["tf"]}
+    rods |= {"txa": a["tx"], "txb": b["tx"], "k": link["k"] or 1.0, "e": link["e"]}
+    rods |= {name: p[name] for name in ("rho", "eps", "mu", "gap0")}
+    return {name: float(x) for name, x in rods.items()}
+
+
+def pair_of(by, law):
+    """A pair of these numbers."""
+    left, right = (jp.ZenerRod(*(by[x] for x in names)) for names in RODS)
+    return jp.AdjacentStructures(left, right, *(by[x] for x in ("rho", "eps", "mu", "gap0")), law)
 
 
 def ground_of(case):
@@ -91,22 +101,21 @@ def check(case, response, dt, times=3e-4, speeds=1.5e-3):
     fine = (dt / 0.01) ** 2
     assert errors(case, response, dt).max() < 8e-4 * fine
     # Newton's rebounds that would all be over within a hundredth of a step are not followed.
-    found = [impact for impact in response.impacts() if impact.approach_velocity > 2e-3]
-    known = [impact for impact in case["impacts"] if impact[2] > 2e-3]
-    assert [impact.link for impact in found] == [link for _, link, _ in known]
-    for impact, (time, _, speed) in zip(found, known, strict=True):
+    impacts = [impact for impact in response.impacts() if impact.approach_velocity > 2e-3]
+    expected = [impact for impact in case["impacts"] if impact[2] > 2e-3]
+    assert [impact.link for impact in impacts] == [link for _, link, _ in expected]
+    for impact, (time, _, speed) in zip(impacts, expected, strict=True):
         assert impact.time == pytest.approx(time, abs=times * fine)
         assert impact.approach_velocity == pytest.approx(speed, abs=speeds * fine)
-    demand = response.demand
+    demand, same = response.demand, {"min_gap": ("min_gap", {"atol": 2e-4 * fine})}
     if case["peak_force"] is None:
-        found_peaks, peaks = [x.peak_impulse for x in demand.links], case["peak_impulse"]
+        same["peak_impulse"] = "peak_impulse", {"rtol": 2e-3 * fine}
     else:
-        found_peaks, peaks = [x.peak_contact for x in demand.links], case["peak_force"]
-        depths = [x.peak_penetration for x in demand.links]
-        np.testing.assert_allclose(depths, case["peak_penetration"], rtol=2e-3 * fine)
-    np.testing.assert_allclose(found_peaks, peaks, rtol=2e-3 * fine)
-    gaps = [x.min_gap for x in demand.links]
-    np.testing.assert_allclose(gaps, case["min_gap"], atol=2e-4 * fine)
+        same["peak_contact"] = "peak_force", {"rtol": 2e-3 * fine}
+        same["peak_penetration"] = "peak_penetration", {"rtol": 2e-3 * fine}
+    for field, (name, within) in same.items():
+        of_links = [getattr(x, field) for x in demand.links]
+        np.testing.assert_allclose(of_links, case[name], **within, err_msg=name)
     energy = response.energy
     assert np.abs(energy.residual).max() < 2e-3 * fine * np.abs(energy.input).max()
     lost = float(sum(x.contact_work for x in demand.links))
@@ -123,15 +132,16 @@ def test_runs_are_those_of_the_reference(name):
     check(CASES[name], *shared_run(name), **within)
 
 
+FIELDS = {"gap0": "gap", "mu": "friction", "K": "stiffness", "tf": "material.tau_f"}
+FIELDS |= {"tx": "material.tau_x", "e": "contact.restitution", "k": "contact.stiffness"}
+
+
 def moved(system, name, by):
     """A system with the parameter that the reference calls ``name`` changed."""
-    group, element, field = (*name.split("."), "")[:3]
-    last = {"m": len(system.masses), "rods": len(system.rods), "links": len(system.links)}[group]
-    own = {"gap0": "gap", "mu": "friction", "K": "stiffness", "tf": "material.tau_f"}
-    own |= {"tx": "material.tau_x", "e": "contact.restitution", "k": "contact.stiffness"}
+    group, element, *field = name.replace("m.", "masses.").split(".")
+    last = len(getattr(system, group))
     every = range(last) if element == "all" else [int(element) % last]
-    place = {"m": "masses.{}"}.get(group, group + ".{}." + own.get(field, ""))
-    paths = [place.format(i) for i in every]
+    paths = [".".join([group, str(i), *(FIELDS[x] for x in field)]) for i in every]
     return parameters.put(system, {path: parameters.get(system, path) + by for path in paths})
 
 
@@ -145,9 +155,9 @@ def derivatives_of_groups(cases, grid):
     peak = "peak_contact" if of[0] == "peak_force[0]" else "peak_impulse"
 
     def outputs(system, ground):
-        found = jp.simulate(system, ground, grid)
-        peaks = [getattr(link, peak) for link in found.demand.links]
-        return jnp.stack([*peaks, *(mass.x[-1] for mass in found.masses)]), found
+        response = jp.simulate(system, ground, grid)
+        peaks = [getattr(link, peak) for link in response.demand.links]
+        return jnp.stack([*peaks, *(mass.x[-1] for mass in response.masses)]), response
 
     @jax.jit
     def slopes(system, ground):
@@ -157,11 +167,15 @@ def derivatives_of_groups(cases, grid):
         push = functools.partial(jax.jvp, run, (system,), has_aux=True)
         return jax.vmap(lambda t: push((t,))[1:], out_axes=(0, None))(along)
 
-    results = [j for j, name in enumerate(of) if not name.startswith("max_x")]
     for case in cases:
-        known = [np.array(case["derivatives"][name]["value"])[results] for name in names]
-        found, response = jax.device_get(slopes(floats(system_of(case)), ground_of(case)))
-        yield found, np.array(known), response
+        ours, response = jax.device_get(slopes(floats(system_of(case)), ground_of(case)))
+        yield ours, reference_slopes(case, names), response
+
+
+def reference_slopes(case, names):
+    """The reference's derivatives of peaks and ends by parameters."""
+    results = [j for j, x in enumerate(case["derivatives_of"]) if not x.startswith("max_x")]
+    return np.array([np.array(case["derivatives"][name]["value"])[results] for name in names])
 
 
 ROWS = [name for name in GROUPS if name.startswith("row3") and law_name(CASES[name]) == "kelvin"]
@@ -177,43 +191,20 @@ def runs_of_rows():
 
 def test_derivatives_of_rows_are_those_of_the_reference():
     """At h = .005, with Kelvin's law; the others: ``benchmarks/storeys.py --derivatives``."""
-    for found, known, _ in runs_of_rows().values():
-        largest = np.abs(known).max(0)
-        assert (np.abs(found - known) <= np.maximum(0.01 * np.abs(known), 1e-3 * largest)).all()
-
-
-def numbers(case):
-    """A pair's parameters, by the reference's names."""
-    p, (link,), (a, b) = case["parameters"], case["system"]["links"], case["system"]["rods"]
-    rods = {"al": a["order"], "be": b["order"], "tfa": a["tf"], "tfb": b["tf"]}
-    rods |= {"txa": a["tx"], "txb": b["tx"]}
-    own = {"k": link["k"] or 1.0, "e": link["e"]}
-    own |= {name: p[name] for name in ("rho", "eps", "mu", "gap0")}
-    return {name: float(x) for name, x in (rods | own).items()}
-
-
-def pair_of(by, law):
-    """A pair of these numbers."""
-    return jp.AdjacentStructures(
-        jp.ZenerRod(by["al"], by["tfa"], by["txa"]),
-        jp.ZenerRod(by["be"], by["tfb"], by["txb"]),
-        *(by[name] for name in ("rho", "eps", "mu", "gap0")),
-        law,
-    )
+    for ours, exact, _ in runs_of_rows().values():
+        allowed = np.maximum(0.01 * np.abs(exact), 1e-3 * np.abs(exact).max(0))
+        assert (np.abs(ours - exact) <= allowed).all()
 
 
 STEPS = (0.02, 0.01, 0.005)
 SMOOTH = "paper_gap0.5_kelvin_clip_k1000"
 CONVERGING = {"random1_newton": ("newton",), "paper_gap0.2_kelvin_clip_k1000": WITHOUT_PULL}
-
-
 GRID = jp.TimeGrid(STEPS[0], round(20.0 / STEPS[-1]))
 
 
 class PairRun(NamedTuple):
-    """Peak force or impulse and the ends, their derivatives by all parameters, and the run."""
+    """Derivatives of the peak force or impulse and the ends by all parameters, and the run."""
 
-    results: np.ndarray
     slopes: dict[str, np.ndarray]
     response: jp.Response
 
@@ -249,20 +240,16 @@ def runs_of_pairs(laws):
             by, ground = numbers(CASES[name]), padded(ground_of(CASES[name]), 5)
             runs[name] = {}
             for dt in STEPS if name in (*CONVERGING, SMOOTH) else STEPS[-1:]:
-                unit = dt / GRID.dt
-                how = float(laws.index(law)), unit, ground
-                slopes, (results, response) = jax.device_get(program(by, *how))
-                response = jp.Scales(1.0, 1 / unit, unit**-2.0).to_si(response)
-                runs[name][dt] = PairRun(results, slopes, response)
+                how = float(laws.index(law)), dt / GRID.dt, ground
+                slopes, (_, response) = jax.device_get(program(by, *how))
+                scales = jp.Scales(1.0, GRID.dt / dt, (GRID.dt / dt) ** 2)
+                runs[name][dt] = PairRun(slopes, scales.to_si(response))
     return runs
 
 
 def slopes_of(name, run, fields):
     """Of a pair's peak and ends by these parameters, those of a run and those of the reference."""
-    case = CASES[name]
-    results = [j for j, x in enumerate(case["derivatives_of"]) if not x.startswith("max_x")]
-    reference = [np.array(case["derivatives"][x]["value"])[results] for x in fields]
-    return np.array([run.slopes[x] for x in fields]), np.array(reference)
+    return np.array([run.slopes[x] for x in fields]), reference_slopes(CASES[name], fields)
 
 
 @pytest.mark.parametrize("name", CONVERGING)
