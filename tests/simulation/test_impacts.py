@@ -1,26 +1,20 @@
 """What holds of any run with impacts, and the cases at the edges of what may happen in one."""
 
-import dataclasses
 import functools
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.simulation.pairs import (
-    DIFFERENTIATED,
-    FORCES,
-    GRID,
-    growth,
-    in_unit_of_time,
-    law,
-    pair,
-    run,
-)
+from tests.simulation import pairs
+from tests.simulation.pairs import DIFFERENTIATED, FORCES, GRID, growth, in_unit_of_time, law, run
 
 PAPER, SHAKING = jp.paper.structures(), jp.paper.ground()
 KINDS = pytest.mark.parametrize("laws", [("newton",), ("kelvin",), FORCES], ids=lambda x: x[0])
+ENDING = replace(SHAKING, arrivals=np.add(SHAKING.arrivals, GRID.dt * GRID.n_steps - 3.26))
+"""So late that the run of a gap of .5 ends in contact."""
 PUSH = jp.Ricker(-1 / (6 * (np.pi / 1000.0) ** 2), [1000.0], [0.0])  # a steady one
 
 
@@ -32,9 +26,9 @@ def drawn(laws, seed=0):
     def about(low, high):
         return np.exp(uniform(np.log(low), np.log(high)))
 
-    def one(i):
+    def random_pair(i):
         taus = [about(0.005, 0.3) for _ in range(2)]
-        return pair(
+        return pairs.pair(
             masses=(about(0.3, 3.0), about(0.3, 3.0)),
             materials=[jp.ZenerRod(uniform(0.2, 0.8), t, t * uniform(1, 15)) for t in taus],
             stiffnesses=(about(0.3, 3.0), about(0.3, 3.0)),
@@ -43,8 +37,9 @@ def drawn(laws, seed=0):
             contact=law(laws[i % len(laws)], about(20.0, 3000.0), uniform(0.3, 1.0)),
         )
 
-    wavelets = [(uniform(-0.5, 0.5, 8), uniform(1.2, 4, 8), uniform(1, 20, 8)) for _ in range(32)]
-    return [one(i) for i in range(32)], [jp.Ricker(*each) for each in wavelets]
+    ranges = (-0.5, 0.5), (1.2, 4), (1, 20)
+    wavelets = [jp.Ricker(*(uniform(*ends, 8) for ends in ranges)) for _ in range(32)]
+    return [random_pair(i) for i in range(32)], wavelets
 
 
 @functools.cache
@@ -54,19 +49,19 @@ def drawn_run(laws):
 
 def struck(contact, gap, **changes):
     """The paper's pair."""
-    return dataclasses.replace(PAPER, contact=contact, initial_gap=gap, **changes).system()
+    return replace(PAPER, contact=contact, initial_gap=gap, **changes).system()
 
 
 def with_gap(system, gap):
-    return dataclasses.replace(system, links=(dataclasses.replace(system.links[0], gap=gap),))
+    return replace(system, links=(replace(system.links[0], gap=gap),))
 
 
 @KINDS
-def test_energy_never_grows(laws):
+def test_energy_never_grows_and_the_strongest_impact_is_that_of_the_series(laws):
     """What the ground supplies is kinetic, in rods, dampers and contact, or lost, for good."""
-    found = drawn_run(laws)
-    assert (found.demand.n_impacts > 0).sum() >= 5
-    energy = found.energy
+    response = drawn_run(laws)
+    assert (response.demand.n_impacts > 0).sum() >= 5
+    (link,), energy = response.links, response.energy
     supplied = np.abs(energy.input).max(1, keepdims=True)
     # The scheme's error at steps of .02; without contact it is as large.
     assert (np.abs(energy.residual) < 8e-3 * supplied).all()
@@ -74,7 +69,10 @@ def test_energy_never_grows(laws):
     # To the correction of a step's end for its mean sample, of which contact keeps no account.
     stored = np.asarray(energy.contact_stored / supplied)
     assert (stored > -2e-6).all()
-    assert (stored[found.links[0].touching == 0] < 2e-6).all()
+    assert (stored[link.touching == 0] < 2e-6).all()
+    impulses = np.nan_to_num(link.impacts.impulse).max(1)
+    assert np.count_nonzero(impulses) >= 5
+    np.testing.assert_allclose(response.demand.links[0].peak_impulse, impulses, rtol=1e-12)
 
 
 def test_a_gap_that_opens_slowly_from_rest_does_not_touch_again():
@@ -92,28 +90,21 @@ def test_a_gap_that_opens_slowly_from_rest_does_not_touch_again():
 @KINDS
 def test_mirrored_pairs_under_the_mirrored_ground_move_as_in_a_mirror(laws):
     systems, grounds = (each[:16] for each in drawn(laws))
-    mirrored = [
-        dataclasses.replace(
-            system,
-            masses=system.masses[::-1],
-            rods=tuple(
-                dataclasses.replace(rod, ends=(i, jp.GROUND))
-                for i, rod in enumerate(system.rods[::-1])
-            ),
-        )
-        for system in systems
-    ]
-    reversed_ = [dataclasses.replace(g, amplitude=-g.amplitude) for g in grounds]
-    one, other = drawn_run(laws)[:16], run(mirrored, reversed_)
-    assert one.demand.n_impacts.sum() > 5
+    mirrored = []
+    for system in systems:
+        first, second = system.rods
+        rods = replace(second, ends=first.ends), replace(first, ends=second.ends)
+        mirrored.append(replace(system, masses=system.masses[::-1], rods=rods))
+    backwards = [replace(ground, amplitude=-ground.amplitude) for ground in grounds]
+    ours, other = drawn_run(laws)[:16], run(mirrored, backwards)
+    assert ours.demand.n_impacts.sum() > 5
     # Rounding, magnified by the impacts.
-    np.testing.assert_allclose(one.x1, -other.x2, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(one.x2, -other.x1, rtol=0, atol=1e-10)
+    np.testing.assert_allclose((ours.x1, ours.x2), (-other.x2, -other.x1), rtol=0, atol=1e-10)
+    (link,), (same,) = ours.links, other.links
     for name in ("contact", "friction", "gap", "contact_lost"):
-        series = (getattr(each.links[0], name) for each in (one, other))
-        np.testing.assert_allclose(*series, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(getattr(link, name), getattr(same, name), rtol=0, atol=1e-7)
     for name in ("time", "end", "approach_velocity", "rebound_velocity", "impulse"):
-        series = (getattr(each.links[0].impacts, name) for each in (one, other))
+        series = (getattr(each.impacts, name) for each in (link, same))
         np.testing.assert_allclose(*series, rtol=1e-7, atol=1e-9)
 
 
@@ -124,63 +115,58 @@ def test_impacts_and_friction_leave_the_momentum_to_the_rods_and_the_ground(laws
     apart = run([with_gap(system, 100.0) for system in systems], grounds)
     found = drawn_run(laws)[:16]
     assert (found.demand.n_impacts > 0).sum() > 3
-    momentum, alone = (
-        sum(np.asarray(mass.mass)[:, None] * mass.x for mass in each.masses)
-        for each in (found, apart)
-    )
-    forces, without = (sum(rod.force for rod in each.rods) for each in (found, apart))
-    more = momentum - alone
-    kicks = GRID.dt**2 * (forces - without)
-    np.testing.assert_allclose(np.diff(more, n=2), -kicks[:, 1:-1], rtol=0, atol=1e-13)
+
+    def momentum_and_force(response):
+        masses, rods = response.masses, response.rods
+        momentum = sum(np.asarray(mass.mass)[:, None] * mass.x for mass in masses)
+        return np.array([momentum, sum(rod.force for rod in rods)])
+
+    momentum, force = momentum_and_force(found) - momentum_and_force(apart)
+    kicks = GRID.dt**2 * force
+    np.testing.assert_allclose(np.diff(momentum, n=2), -kicks[:, 1:-1], rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", ["newton", "kelvin"])
 def test_blocks_pressed_together_for_the_whole_run_move_as_one(name):
     """As two that a joint holds; contact and friction bear what the joint would bear."""
-    changes = ({"friction": 10.0}, {"friction": 0.0}, {"friction": 0.05})
-    systems = [struck(law(name, 1e4), 0.0, **change) for change in changes]
-    joined, *found = run(systems, [PUSH] * 3)
+    systems = [struck(law(name, 1e4), 0.0, friction=slip) for slip in (10.0, 0.0, 0.05)]
+    joined, *pressed = run(systems, [PUSH] * 3)
     held = joined.links[0].friction
     assert joined.x1[1:].min() > 0
-    for one in found:
-        link = one.links[0]
+    for response in pressed:
+        (link,), phases = response.links, response.phases()
         assert link.touching[50:].all()
         assert link.contact[50:].min() > 0.1
         if name == "newton":  # held from the start, or from where friction no longer does it
-            np.testing.assert_allclose(one.x1, joined.x1, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(response.x1, joined.x1, rtol=0, atol=1e-9)
             assert np.abs(link.gap).max() == 0
             bears = (link.contact + link.friction)[10:]
             np.testing.assert_allclose(bears, held[10:], rtol=0, atol=1e-8)
         else:
             deepest = 1.1 * held.max() / 1e4
             assert 0 < -link.gap.min() < deepest
-            assert np.abs(one.x1 - joined.x1).max() < deepest
-        phases = one.phases()
+            assert np.abs(response.x1 - joined.x1).max() < deepest
         assert sum(p.end - p.start for p in phases if not p.contact) < 50 * GRID.dt
         assert phases[-1].contact
         # None shorter than what rounding makes of an instant.
         assert min(p.end - p.start for p in phases) > 1e-9
-    assert found[0].demand.n_impacts == 0
-
-
-LATER = 2500  # steps
+    assert pressed[0].demand.n_impacts == 0
 
 
 @pytest.mark.parametrize("name", ["kelvin", "jankowski"])
 def test_a_run_that_ends_in_contact_is_the_beginning_of_one_that_goes_on(name):
     """The one ends in its first contact; the other is under the same ground earlier."""
-    last = np.asarray(SHAKING.arrivals) + GRID.dt * GRID.n_steps - 3.26
-    arrivals = (last - GRID.dt * LATER, last)
-    grounds = [dataclasses.replace(SHAKING, arrivals=times) for times in arrivals]
-    whole, cut = run([struck(law(name, 50.0), 0.5)] * 2, grounds)
-    until = GRID.n_steps - LATER + 1
+    later = 2500  # steps
+    earlier = replace(ENDING, arrivals=ENDING.arrivals - GRID.dt * later)
+    whole, cut = run([struck(law(name, 50.0), 0.5)] * 2, [earlier, ENDING])
+    until = GRID.n_steps - later + 1
     for field in ("gap", "contact", "contact_stored", "contact_lost", "friction_work", "touching"):
         one, other = (getattr(each.links[0], field) for each in (whole, cut))
-        np.testing.assert_allclose(one[:until], other[LATER:], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(one[:until], other[later:], rtol=0, atol=1e-11)
     done, under_way = whole.impacts()[0], cut.impacts()[0]
     assert np.isfinite([done.end, done.rebound_velocity]).all()
     assert np.isnan([under_way.end, under_way.rebound_velocity]).all()
-    assert under_way.time == pytest.approx(done.time + GRID.dt * LATER, abs=1e-11)
+    assert under_way.time == pytest.approx(done.time + GRID.dt * later, abs=1e-11)
     assert under_way.approach_velocity == pytest.approx(done.approach_velocity, rel=1e-11)
     demand, link = cut.demand.links[0], cut.links[0]
     assert demand.n_impacts == 1
@@ -211,18 +197,15 @@ def test_many_impacts_within_a_step():
 @pytest.mark.parametrize("name", ["kelvin", "jankowski"])
 def test_stick_in_contact(name):
     """What holds the blocks is the contact's force, which stays, and friction, which may not."""
-    (found,) = run([struck(law(name, 15.0), 0.02, friction=1.0)], [SHAKING])
-    stick = [one for one in found.phases() if one.kind == "stick" and one.contact]
-    assert max(one.end - one.start for one in stick) > 10
-    last, link = found.time > stick[-1].start + GRID.dt, found.links[0]
-    assert np.ptp(link.gap[last]) == 0
+    (response,) = run([struck(law(name, 15.0), 0.02, friction=1.0)], [SHAKING])
+    stick = [phase for phase in response.phases() if phase.kind == "stick" and phase.contact]
+    assert max(phase.end - phase.start for phase in stick) > 10
+    last, (link,) = response.time > stick[-1].start + GRID.dt, response.links
+    assert np.ptp(link.gap[last]) == np.ptp(link.contact[last]) == 0
     assert link.gap[-1] < 0
-    assert np.ptp(link.contact[last]) == 0
     assert link.contact[-1] > 0.02
-    masses, rods = found.masses, found.rods
-    held = (rods[1].force / masses[1].mass - rods[0].force / masses[0].mass) / (
-        1 / masses[0].mass + 1 / masses[1].mass
-    )
+    left, right = (1 / mass.mass for mass in response.masses)
+    held = (response.f2 * right - response.f1 * left) / (left + right)
     np.testing.assert_allclose((link.contact + link.friction)[last], held[last], atol=1e-12)
     assert np.abs(link.friction).max() <= 1
 
@@ -253,13 +236,11 @@ def test_stiffness_costs_no_step_and_tends_to_newtons_law():
 
 
 def test_a_soft_contact_tends_to_none_and_equal_buildings_never_touch():
-    alike = dataclasses.replace(PAPER, stiffness_ratio=1.0, rod_2=PAPER.rod_1)
     contact, soft = law("kelvin"), law("kelvin", 1e-9)
-    equal = dataclasses.replace(alike, initial_gap=0.0, contact=contact).system()
-    systems = [struck(soft, 0.3), struck(contact, 100.0), equal]
-    found, free, equal = run(systems, [SHAKING] * 3)
-    assert found.demand.n_impacts > 0
-    np.testing.assert_allclose(found.x1, free.x1, rtol=0, atol=2e-4)
+    alike = struck(contact, 0.0, stiffness_ratio=1.0, rod_2=PAPER.rod_1)
+    soft, free, equal = run([struck(soft, 0.3), struck(contact, 100.0), alike], [SHAKING] * 3)
+    assert soft.demand.n_impacts > 0
+    np.testing.assert_allclose(soft.x1, free.x1, rtol=0, atol=2e-4)
     assert (equal.demand.n_impacts, equal.demand.peak_contact) == (0, 0)
     assert np.isinf(equal.demand.first_impact_time)
 
@@ -274,52 +255,36 @@ def test_a_gap_that_is_closed_from_the_start(name):
         assert found.demand.min_gap == pytest.approx(0, abs=1e-12)
 
 
-CLOSEST = [1e-3, 1e-4, 1e-5]
+@pytest.mark.parametrize("name", ["newton", *DIFFERENTIATED])
+def test_grazing_impacts(name):
+    """Gaps that the paper's pair, if it could not touch, would close by 1e-3, 1e-4 and 1e-5.
 
-
-def just_closed(contact):
-    """Gaps that the paper's pair closes by little, and its run if it cannot touch."""
-    (free,) = run([struck(contact, 100.0)], [SHAKING])
-    return [100.0 - float(free.min_gap) - short for short in CLOSEST], free
-
-
-def change(one, other):
-    """Largest, after the touch."""
-    return max(np.abs(getattr(one, x) - getattr(other, x))[500:].max() for x in ("x1", "x2"))
-
-
-def test_grazing_impacts_of_newtons_law():
-    """With the speed of approach their effect falls as the square root of what the gap lacks."""
-    newton = jp.Newton(0.65)
-    gaps, free = just_closed(newton)
-    found = run([struck(newton, gap) for gap in gaps], [SHAKING] * 3)
-    changes = np.array([change(one, free) for one in found])
-    speeds = np.array([one.impacts()[0].approach_velocity for one in found])
-    assert (found.demand.n_impacts == 1).all()
-    for sizes in (changes, speeds):
-        np.testing.assert_allclose(sizes[:-1] / sizes[1:], np.sqrt(10), rtol=0.05)
-    slopes = growth([struck(newton, gap) for gap in gaps], [SHAKING] * 3).factor
-    assert slopes[2, 800] / slopes[1, 800] == pytest.approx(np.sqrt(10), rel=0.07)
-
-
-@pytest.mark.parametrize("name", DIFFERENTIATED)
-def test_grazing_contacts_with_a_force(name):
-    """Their effect falls at least as what the gap lacks, and the derivative stays finite."""
-    gaps, free = just_closed(law(name))
-    found = run([struck(law(name), gap) for gap in gaps], [SHAKING] * 3)
-    changes = np.array([change(one, free) for one in found])
-    assert (found.demand.n_impacts == 1).all()
-    assert (changes[1:] < 0.12 * changes[:-1]).all()
-    slopes = growth([struck(law(name, among=DIFFERENTIATED), gap) for gap in gaps], [SHAKING] * 3)
-    assert (np.diff(slopes.factor[:, 800]) < 0).all()
+    With the speed of approach the effect of Newton's law falls as the square root of what the gap
+    lacks; that of a force falls at least as what it lacks, and the derivative stays finite.
+    """
+    (free,) = run([struck(law(name), 100.0)], [SHAKING])
+    gaps = 100.0 - float(free.min_gap) - np.array([1e-3, 1e-4, 1e-5])
+    grazing = run([struck(law(name), gap) for gap in gaps], [SHAKING] * 3)
+    assert (grazing.demand.n_impacts == 1).all()
+    changes = np.max([np.abs(grazing.x1 - free.x1), np.abs(grazing.x2 - free.x2)], 0)[:, 500:].max(
+        1
+    )
+    touching = [struck(law(name, among=DIFFERENTIATED), gap) for gap in gaps]
+    slopes = growth(touching, [SHAKING] * 3).factor[:, 800]
+    if name == "newton":
+        speeds = grazing.links[0].impacts.approach_velocity[:, 0]
+        for sizes in (changes, speeds):
+            np.testing.assert_allclose(sizes[:-1] / sizes[1:], np.sqrt(10), rtol=0.05)
+        assert slopes[2] / slopes[1] == pytest.approx(np.sqrt(10), rel=0.07)
+    else:
+        assert (changes[1:] < 0.12 * changes[:-1]).all()
+        assert (np.diff(slopes) < 0).all()
 
 
 @pytest.mark.parametrize("name", ["newton", *DIFFERENTIATED])
 def test_derivatives_at_the_edges_are_differences(name):
     """Where the gap is closed from the start, at touch, and where the run ends in contact."""
-    later = np.asarray(SHAKING.arrivals) + GRID.dt * GRID.n_steps - 3.26
-    ends = dataclasses.replace(SHAKING, arrivals=later)
-    cases = [(0.3, SHAKING, 1000.0), (0.0, SHAKING, 1000.0), (0.5, ends, 50.0)]
+    cases = [(0.3, SHAKING, 1000.0), (0.0, SHAKING, 1000.0), (0.5, ENDING, 50.0)]
     grounds = [ground for _, ground, _ in cases]
 
     def pairs(among, step=0.0):
@@ -337,16 +302,8 @@ def test_derivatives_at_the_edges_are_differences(name):
     assert slopes[:, -1].min() > 0
 
 
-@KINDS
-def test_the_strongest_impact_is_that_of_the_series(laws):
-    found = drawn_run(laws)
-    impulses = np.nan_to_num(found.links[0].impacts.impulse).max(1)
-    assert np.count_nonzero(impulses) >= 5
-    np.testing.assert_allclose(found.demand.links[0].peak_impulse, impulses, rtol=1e-12)
-
-
 @jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Pad:
     """A law as its author writes it: for a penetration that is there, and only for that."""
 
@@ -362,8 +319,8 @@ def test_a_law_of_ones_own_is_asked_for_what_it_says_alone():
     pad, grid = Pad(2000.0, 0.5), jp.TimeGrid.until(8.0, dt=0.05)
 
     def hit(stiffness):
-        law = dataclasses.replace(pad, stiffness=stiffness)
-        structures = dataclasses.replace(PAPER, contact=law, initial_gap=0.5)
+        law = replace(pad, stiffness=stiffness)
+        structures = replace(PAPER, contact=law, initial_gap=0.5)
         return jp.demand(structures, SHAKING, grid).peak_contact
 
     force_and_slope = jax.jit(lambda stiffness: jax.jvp(hit, (stiffness,), (1.0,)))
