@@ -40,13 +40,11 @@ def test_chunks_give_what_one_batch_gives():
     def sums(amplitude, friction):
         return {"sum": amplitude + friction, "both": jnp.stack([amplitude, 2 * friction])}
 
-    for function, sizes in ((sums, (1, 3, 7, 50, None)), (gaps, (3,))):
-        whole = jax.tree.leaves(jax.vmap(function)(*batch(7)))
-        for chunk_size in sizes:
-            parts = jax.tree.leaves(jp.in_chunks(function, chunk_size)(*batch(7)))
-            for leaf, part in zip(whole, parts, strict=True):
-                assert isinstance(part, np.ndarray)
-                np.testing.assert_allclose(part, leaf, rtol=1e-12, atol=1e-14)
+    for function, chunk_size in (*((sums, size) for size in (1, 3, 7, 50, None)), (gaps, 3)):
+        both = jax.vmap(function)(*batch(7)), jp.in_chunks(function, chunk_size)(*batch(7))
+        for leaf, part in zip(*map(jax.tree.leaves, both), strict=True):
+            assert isinstance(part, np.ndarray)
+            np.testing.assert_allclose(part, leaf, rtol=1e-12, atol=1e-14)
 
     def slope(key):
         of_friction = partial(min_gap, jax.random.uniform(key, minval=0.1))
@@ -84,28 +82,22 @@ def test_batches_of_nearly_as_many_runs_share_a_program():
         assert len(seen) <= max(1.15 * n, 64)
 
 
+CHUNK_SIZE = "in_chunks: chunk_size = .* must be a positive whole"
+CORES = "use_cores: n = .* must be a positive whole number"
+KEYS = "results of type key<fry> must be numbers"
 OUTSIDE = "in_chunks runs outside jit, vmap and grad"
 
 test_what_makes_no_batch_of_chunks_on_cores_is_refused = pytest.mark.unchecked(
     refusals(
-        *(
-            (jp.in_chunks, gaps, size, "in_chunks: chunk_size = .* must be a positive whole")
-            for size in (0, -3, 2.5, True, "many")
-        ),
+        *((jp.in_chunks, gaps, size, CHUNK_SIZE) for size in (0, -3, 2.5, True, "many")),
         *(
             (jp.in_chunks(gaps, 2), *arguments, "the same number of runs, at least 1")
             for arguments in ((), (1.0,), (np.ones(3), np.ones(4)), (np.ones(0), np.ones(0)))
         ),
-        *(
-            (jp.use_cores, n, "use_cores: n = .* must be a positive whole number")
-            for n in (0, -1, 1.5, True)
-        ),
+        *((jp.use_cores, n, CORES) for n in (0, -1, 1.5, True)),
         (lambda: jax.jit(jp.in_chunks(lambda x: 2 * x))(jnp.ones(3)), OUTSIDE),
         (jax.grad(lambda y: jp.in_chunks(lambda x: x * y)(np.ones(3)).sum()), 2.0, OUTSIDE),
-        (
-            *(jp.in_chunks(lambda x: jax.random.key(0)), np.ones(3)),
-            r"results of type key<fry> must be numbers",
-        ),
+        (jp.in_chunks(lambda x: jax.random.key(0)), np.ones(3), KEYS),
         (jp.in_chunks, 3, "in_chunks: function = 3 must be a function"),
     )
 )
@@ -161,9 +153,7 @@ np.savez(sys.argv[1], **{k: np.asarray(v) for k, v in results.items()})
 def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
     """Values, derivatives, a mean over the batch, nested and odd batches, against a loop."""
     path = tmp_path / "two.npz"
-    command = [sys.executable, "-c", SHARDED, str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    subprocess.run([sys.executable, "-c", SHARDED, str(path)], check=True)
     two, (a, mu) = np.load(path), batch(64)
     run, struck = jax.jit(jax.value_and_grad(min_gap, argnums=(0, 1))), jax.jit(impulses)
 
@@ -172,14 +162,9 @@ def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
         return np.array(values), np.array(slopes).T
 
     whole, slope = loop(a, mu)
-    alone = {
-        **dict.fromkeys(("whole", "there"), whole),
-        "slope": slope,
-        "mean": slope[1].mean(),
-        "table": [loop(np.full(3, x), batch(3)[1])[0] for x in batch(32)[0]],
-        "odd": loop(*batch(33))[0],
-        "chunks": loop(*batch(39))[0],
-    }
+    alone = {"whole": whole, "there": whole, "slope": slope, "mean": slope[1].mean()}
+    alone |= {"odd": loop(*batch(33))[0], "chunks": loop(*batch(39))[0]}
+    alone["table"] = [loop(np.full(3, x), batch(3)[1])[0] for x in batch(32)[0]]
     alone["struck"] = alone["struck_own"] = [*map(struck, a, mu)]
     assert set(alone) == set(two)
     for name, values in alone.items():
