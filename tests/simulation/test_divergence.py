@@ -12,6 +12,7 @@ from tests.reference import load
 from tests.refusals import refused
 from tests.simulation.pairs import DIFFERENTIATED, FORCES, GRID, growth, law, run
 from tests.simulation.test_contact import ground_of, system_of
+from tests.test_buildings import LEFT, RECORD, RIGHT
 
 CASES = load("contact")["sensitive"]
 STEP = 1e-7  # of the gap, for differences
@@ -29,7 +30,7 @@ def of_reference(name, contact, more=0.0):
 )
 def sensitive(request):
     """By name the growth, and the runs with the gap as it is, a little wider and narrower."""
-    names = request.param
+    names, n = request.param, len(request.param)
     kind = CASES[names[0]]["system"]["links"][0]
     laws = [law(kind["law"], kind["k"], kind["e"], among) for among in (FORCES, DIFFERENTIATED)]
     grounds = [ground_of(CASES[name]) for name in names]
@@ -37,15 +38,8 @@ def sensitive(request):
     systems = [of_reference(name, laws[0], more) for more in changes for name in names]
     runs = run(systems, grounds * 3)
     growths = growth([of_reference(name, laws[1]) for name in names], grounds)
-    n = len(names)
-
-    def of_lane(batch, i):
-        return jax.tree.map(lambda x: x[i], batch)
-
-    return {
-        name: (of_lane(growths, i), [of_lane(runs, i + n * k) for k in range(3)])
-        for i, name in enumerate(names)
-    }
+    by_lane = [jax.tree.map(lambda x, i=i: x[i], growths) for i in range(n)]
+    return {name: (by_lane[i], [runs[i + n * k] for k in range(3)]) for i, name in enumerate(names)}
 
 
 def instants(name):
@@ -103,15 +97,12 @@ def test_growth_and_errors_are_those_of_an_independent_reference(sensitive):
         assert errors.max() > 0.1
 
 
-T = 0.02 * np.arange(400)
-RECORD = jp.Record(0.2 * np.sin(7 * T) * np.exp(-((T - 3) ** 2)), 0.02, "burst")
-LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
-RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
+LAW = jp.Newton(0.6)
 ROW = jp.Buildings(
     (LEFT, RIGHT),
     (
-        jp.FloorLink(0, 0, gap=0.02, contact=jp.Newton(0.6)),
-        jp.FloorLink(1, 0, next_building=jp.GROUND, gap=0.02, contact=jp.Newton(0.6)),
+        jp.FloorLink(0, 0, gap=0.02, contact=LAW),
+        jp.FloorLink(1, 0, next_building=jp.GROUND, gap=0.02, contact=LAW),
     ),
 )
 

@@ -1,6 +1,7 @@
 """Programs as one kernel."""
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -23,8 +24,10 @@ def of(x):
     return as_kernel(loop, x, 3 * x)[0]
 
 
-def test_a_loop_is_one_kernel_unless_it_is_differentiated():
+def test_a_loop_is_one_kernel_unless_it_is_differentiated_or_runs_step_by_step():
     x = jnp.asarray(2.0)
+    with jax.disable_jit():
+        assert float(of(x)) == pytest.approx(2**0.5, rel=1e-15)
     assert MARK in jax.jit(of).lower(x).as_text()
     assert float(jax.jit(of)(x)) == pytest.approx(2**0.5, rel=1e-15)
     value_and_slope = jax.jit(jax.value_and_grad(of))
@@ -33,11 +36,6 @@ def test_a_loop_is_one_kernel_unless_it_is_differentiated():
     assert float(slope) == pytest.approx(0.5 / float(value), rel=1e-12)
     forward = jax.jit(jax.jacfwd(of))
     assert float(forward(x)) == pytest.approx(float(slope), rel=1e-12)
-
-
-def test_a_loop_that_would_be_one_kernel_runs_step_by_step():
-    with jax.disable_jit():
-        assert float(of(jnp.asarray(2.0))) == pytest.approx(2**0.5, rel=1e-15)
 
 
 def test_a_batch_is_none():
@@ -71,12 +69,14 @@ def test_what_xla_has_no_place_for_in_a_kernel_is_not_one(function):
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Sorted:
-    """A spring by an operation that a kernel cannot have."""
+    """A spring by operations that a kernel cannot have: a sort, and a product of matrices."""
 
     stiffness: float
 
     def force(self, penetration, speed, touch_speed):
-        return self.stiffness * jnp.sort(jnp.stack([penetration, 0 * penetration]))[1]
+        return (
+            self.stiffness * jnp.sort(jnp.stack([penetration, 0 * penetration])) @ jnp.arange(2.0)
+        )
 
 
 @jax.tree_util.register_dataclass
@@ -92,27 +92,24 @@ class Tabulated:
         return self.amplitude * jnp.sin(value / 50)
 
 
+def gap_of(width, law, ground):
+    """Smallest gap of the paper's pair, from this width on, with a law of contact."""
+    pair = dataclasses.replace(jp.paper.structures(), initial_gap=width, contact=law)
+    return jp.demand(pair, ground, jp.TimeGrid.until(8.0, 0.05)).min_gap
+
+
 def test_runs_with_a_ground_from_a_table_are_no_kernel():
-    grid, laws = jp.TimeGrid.until(8.0, 0.05), (jp.KelvinVoigt(300.0, 0.65), None)
-
-    def gap(amplitude, law):
-        pair = dataclasses.replace(jp.paper.structures(), initial_gap=0.05, contact=law)
-        return jp.demand(pair, Tabulated(amplitude), grid).min_gap
-
-    touching, free = (float(jax.jit(lambda a, law=law: gap(a, law))(3.0)) for law in laws)
+    laws = jp.KelvinVoigt(300.0, 0.65), None
+    runs = (jax.jit(partial(gap_of, law=law, ground=Tabulated(3.0))) for law in laws)
+    touching, free = (run(0.05) for run in runs)
     assert free < touching < 0
 
 
 def test_runs_with_a_law_that_is_no_kernel_are_none():
     """Alone and in a batch; a run with a law that is one has the same gap."""
-    grid, gaps = jp.TimeGrid.until(8.0, 0.05), jnp.asarray([0.05, 0.1])
-    batches = []
+    gaps, batches = jnp.asarray([0.05, 0.1]), []
     for law in (Sorted(300.0), jp.KelvinVoigt(300.0, restitution=1.0, tension=True)):
-
-        def gap(width, law=law):
-            pair = dataclasses.replace(jp.paper.structures(), initial_gap=width, contact=law)
-            return jp.demand(pair, jp.paper.ground(), grid).min_gap
-
+        gap = partial(gap_of, law=law, ground=jp.paper.ground())
         marked = MARK in jax.jit(gap).lower(gaps[0]).as_text()
         assert marked == isinstance(law, jp.KelvinVoigt)
         batches.append(jax.jit(jax.vmap(gap))(gaps))

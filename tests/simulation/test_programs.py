@@ -8,6 +8,7 @@ import time
 import warnings
 from functools import reduce
 from pathlib import Path
+from unittest.mock import Mock
 
 import jax
 import jax.monitoring
@@ -48,17 +49,16 @@ def compile_anew():
     }
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda entry: entry,
-        lambda entry: b"",
-        lambda entry: entry[: len(entry) // 2],
-        # One flipped bit is not always seen: Zstandard's frames have no checksum.
-        lambda entry: entry[:-20] + bytes(20),
-    ],
-    ids=["none", "empty", "cut", "zeroed"],
-)
+DAMAGES = {
+    "none": lambda entry: entry,
+    "empty": lambda entry: b"",
+    "cut": lambda entry: entry[: len(entry) // 2],
+    # One flipped bit is not always seen: Zstandard's frames have no checksum.
+    "zeroed": lambda entry: entry[:-20] + bytes(20),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
 def test_an_entry_serves_the_next_process_and_a_damaged_one_is_replaced(tmp_path, damage):
     jp.keep_programs(tmp_path)
     (path,) = (whole := compile_anew())
@@ -70,7 +70,7 @@ def test_an_entry_serves_the_next_process_and_a_damaged_one_is_replaced(tmp_path
         again = compile_anew()
     assert again.keys() == {path}
     assert abs(len(again[path]) - len(whole[path])) < 100  # the time of compilation is in it
-    if damage(whole[path]) == whole[path]:
+    if damage is DAMAGES["none"]:
         assert again == whole
         assert path.stat().st_mtime_ns == before
 
@@ -129,9 +129,7 @@ def test_a_folder_that_others_may_write_to_is_refused(tmp_path, below, mode):
 
 
 @posix
-def test_a_folder_below_one_for_all_is_refused_unless_it_is_sticky_and_a_link_in_its_place(
-    tmp_path,
-):
+def test_a_folder_below_one_for_all_is_refused_unless_sticky_and_a_link_in_its_place(tmp_path):
     caches = tmp_path / "of all" / "mine" / "caches"
     caches.mkdir(parents=True)
     caches.parents[1].chmod(0o777)
@@ -163,14 +161,10 @@ def test_the_environment_names_the_folder_and_without_one_nothing_is_kept(tmp_pa
     with monkeypatch.context() as patch:
         patch.setattr(programs, "_user_folder", lambda: tmp_path / "file")
         assert jp.keep_programs() is None
-
-    def home():
-        raise RuntimeError("Could not determine home directory.")
-
     with monkeypatch.context() as patch:
         for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
             patch.delenv(name, raising=False)
-        patch.setattr(Path, "home", home)
+        patch.setattr(Path, "home", Mock(side_effect=RuntimeError("Could not determine home.")))
         assert jp.keep_programs() is None
     monkeypatch.setenv("JAXPOUND_CACHE", "off")
     assert jp.keep_programs() is None
@@ -188,8 +182,8 @@ def test_the_command_line_goes_on_without_a_folder_that_it_refuses(tmp_path, mon
     monkeypatch.delenv("TF_CPP_MIN_LOG_LEVEL")  # which JAX has set
     (tmp_path / "caches").mkdir()
     (tmp_path / "caches").chmod(0o777)
-    arguments = ["simulate", "--record", "missing.at2", "--out", str(tmp_path / "out")]
-    monkeypatch.setattr("sys.argv", ["jaxpound", *arguments])
+    arguments = f"jaxpound simulate --record missing.at2 --out {tmp_path}/out".split()
+    monkeypatch.setattr("sys.argv", arguments)
     level = logging.getLogger("jaxpound").level
     assert cli.main() == 2
     logging.getLogger("jaxpound").setLevel(level)
@@ -203,30 +197,27 @@ def test_a_long_compilation_is_noted_in_one_line_and_a_short_one_is_not(monkeypa
     def notes():
         return [text for name, _, text in caplog.record_tuples if name == "jaxpound"]
 
-    def slow(x):
-        return reduce(lambda x, k: jax.lax.sort(jax.numpy.sin(x * k)), range(60), x)
-
+    slow = jax.jit(lambda x: reduce(lambda x, k: jax.lax.sort(jnp.sin(x * k)), range(60), x))
     monkeypatch.setattr(programs, "AFTER", 0.2)
     programs.note_long_compilations()
     jax.monitoring.record_scalar(programs._COMPILING, time.time(), fun_name="f")
     jax.monitoring.record_event_duration_secs(programs._COMPILING, 0.0)
     time.sleep(0.3)
     assert notes() == []
-    x = jax.block_until_ready(jax.numpy.arange(3.0))
+    x = jax.block_until_ready(jnp.arange(3.0))
     monkeypatch.setattr(programs, "AFTER", 0.01)
     before = len(notes())
-    jax.jit(slow)(x)
+    slow(x)
     (line,) = notes()[before:]
     assert line.startswith("jaxpound: compiling a program, for 0.01 s so far;")
 
 
 def test_runs_see_to_the_note(monkeypatch):
     """Whatever program they are in, and before it is compiled."""
-    calls = []
-    monkeypatch.setattr("jaxpound.simulation.run.note_long_compilations", lambda: calls.append(1))
-    grid = jp.TimeGrid.until(20.0, dt=0.05)
+    note, grid = Mock(), jp.TimeGrid.until(20.0, dt=0.05)
+    monkeypatch.setattr("jaxpound.simulation.run.note_long_compilations", note)
     jax.eval_shape(lambda: jp.demand(jp.paper.structures(), jp.paper.ground(), grid))
-    assert calls
+    assert note.called
 
 
 LOOP_KERNELS = """

@@ -17,13 +17,11 @@ def peak(samples, dtype=np.float64):
     return tally.largest
 
 
-@pytest.mark.parametrize(
-    ("samples", "largest"),
-    [
-        *((values, 1.125) for values in ([0, 1, 1, 0], [0, 1, 1 - 1e-9, 0], [0, 1 - 1e-9, 1, 0])),
-        *(([0, 1, 0], 1.0), ([0, 3, 4, 3, 0], 4.0), ([0, 0, 0, 1, 2], 2.0), ([0, 0, 0], 0.0)),
-    ],
-)
+VERTICES = [([0, 1, 1, 0], 1.125), ([0, 1, 1 - 1e-9, 0], 1.125), ([0, 1 - 1e-9, 1, 0], 1.125)]
+VERTICES += [([0, 1, 0], 1.0), ([0, 3, 4, 3, 0], 4.0), ([0, 0, 0, 1, 2], 2.0), ([0, 0, 0], 0.0)]
+
+
+@pytest.mark.parametrize(("samples", "largest"), VERTICES)
 def test_the_vertex_of_a_parabola_is_found_also_where_two_samples_tie(samples, largest):
     for sign in (1, -1):
         assert float(peak(sign * np.array(samples, float))) == pytest.approx(largest, abs=1e-8)
