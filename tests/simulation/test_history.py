@@ -33,8 +33,7 @@ def test_weights_follow_the_gamma_function_and_the_shape_of_the_order():
 @pytest.mark.parametrize(("order", "first_sample"), [(1, 1.0), (2, 0.5)])
 def test_relaxation_against_the_inverse_laplace_transform(rod, order, first_sample):
     case = load("rods")[rod]
-    times = np.array([float(t) for t in case["relaxation"]])
-    exact = np.array(list(case["relaxation"].values()))
+    times, exact = np.array([(float(t), f) for t, f in case["relaxation"].items()]).T
     law = jp.ZenerRod(case["order"], case["tau_f"], case["tau_x"])
     steps, errors = [0.02, 0.01, 0.005], []
     for h in steps:
@@ -144,10 +143,10 @@ def test_more_modes_for_a_longer_run_or_a_smaller_tolerance_but_no_more_memory()
         assert sum(a.size for a in jax.tree.leaves(memory)) == 17
 
 
-@given(
-    *(st.floats(0.05, 0.95), st.sampled_from([50, 1000])),
-    *(st.sampled_from([3, 8, 17, 30]), st.integers(0)),
-)
+lengths, numbers_of_modes = st.sampled_from([50, 1000]), st.sampled_from([3, 8, 17, 30])
+
+
+@given(st.floats(0.05, 0.95), lengths, numbers_of_modes, st.integers(0))
 def test_the_error_bound_is_never_exceeded_and_can_be_reached(order, n, modes, seed):
     history = jp.ModalHistory(modes=modes)
     bound = history.error_bound(order, n)

@@ -82,11 +82,10 @@ def test_step_responses_of_order_one_against_the_inverse_laplace_transform():
 
     numbers = [[rod[name] for name in ("order", "tau_f", "tau_x", "stiffness")] for rod in rods]
     runs = np.asarray(displacements(steps / grid.dt, np.array(numbers, float)))
-    for i, rod in enumerate(rods):
-        times = np.array([float(t) for t in rod["step_response"]])
-        exact = np.array(list(rod["step_response"].values()))
-        at = [np.round(times / h).astype(int) for h in steps]
-        errors = [furthest(run[i, now], exact) for run, now in zip(runs, at, strict=True)]
+    for rod, paths in zip(rods, runs.swapaxes(0, 1), strict=True):
+        times, exact = np.array([(float(t), x) for t, x in rod["step_response"].items()]).T
+        samples = zip(paths, np.round(times / steps[:, None]).astype(int), strict=True)
+        errors = [furthest(x[at], exact) for x, at in samples]
         assert errors[-1] < 1e-3
         assert abs(convergence_order(steps, errors) - 1) < 0.15
 
@@ -309,22 +308,17 @@ def test_swapping_the_structures_mirrors_the_response(structures, ground):
         scale = frequency**rod.order
         return dataclasses.replace(rod, tau_f=rod.tau_f * scale, tau_x=rod.tau_x * scale)
 
-    swapped = jp.AdjacentStructures(
-        rod_1=in_its_units(s.rod_2),
-        rod_2=in_its_units(s.rod_1),
-        mass_ratio=1 / s.mass_ratio,
-        stiffness_ratio=1 / s.stiffness_ratio,
-        friction=s.friction * s.mass_ratio,
-        initial_gap=s.initial_gap * frequency**2,
-    )
+    length = frequency**2
+    ratios = 1 / s.mass_ratio, 1 / s.stiffness_ratio
+    link = s.friction * s.mass_ratio, s.initial_gap * length
+    swapped = jp.AdjacentStructures(in_its_units(s.rod_2), in_its_units(s.rod_1), *ratios, *link)
     samples = np.asarray(ground.acceleration(GRID.times()))
     run, _ = jax.device_get(shaken(s, samples))
     # Seen from the other side everything runs the other way, the ground too.
     grid = jp.TimeGrid(GRID.dt * frequency, GRID.n_steps)
     other = jp.simulate(swapped, jp.Record(-samples, grid.dt, time_unit="1/ω1"), grid)
-    length = frequency**2
-    np.testing.assert_allclose(other.x1, -run.x2 * length, atol=2e-9 * length)
-    np.testing.assert_allclose(other.x2, -run.x1 * length, atol=2e-9 * length)
+    opposite = -run.x2 * length, -run.x1 * length
+    np.testing.assert_allclose((other.x1, other.x2), opposite, atol=2e-9 * length)
     np.testing.assert_allclose(other.gap, run.gap * length, atol=4e-9 * length)
     assert float(other.min_gap) == pytest.approx(float(run.min_gap) * length, abs=4e-9 * length)
 
@@ -364,15 +358,12 @@ def test_demand_is_the_simulation_s_and_its_intensity_that_of_the_ground():
 @LOOPED
 def test_a_last_stop_at_the_smallest_gap_tells_when_it_was():
     """Stuck ever after: the gap is smallest from the stop on, not at the end of the run."""
-    ground = jp.Ricker(-0.5, 2.0, 3.0)
 
-    @jax.jit
-    def stop(friction):
-        def when(friction):
-            run = jp.simulate(changed(friction=friction), ground, GRID)
-            return run.demand.min_gap_time, run
+    def when(friction):
+        run = jp.simulate(changed(friction=friction), jp.Ricker(-0.5, 2.0, 3.0), GRID)
+        return run.demand.min_gap_time, run
 
-        return jax.jvp(when, (friction,), (1.0,), has_aux=True)
+    stop = jax.jit(lambda friction: jax.jvp(when, (friction,), (1.0,), has_aux=True))
 
     time, slope, run = stop(2.6)
     last = run.phases()[-1]
@@ -387,19 +378,18 @@ def test_a_last_stop_at_the_smallest_gap_tells_when_it_was():
 @LOOPED
 def test_the_soft_minimum_is_its_definition_between_minimum_and_mean():
     """Its slopes by all inputs of a run: test_gradients.py."""
-    gap, time = (getattr(long_run(LONG.dt)[0], name) for name in ("gap", "time"))
-    for temperature in (1e-3, 0.02, 0.3, 100.0):
-        scalars = jp.demand(PAIR, WAVES, LONG, temperature=temperature)
-        mean = np.trapezoid(np.exp(-(gap - gap.min()) / temperature), time) / time[-1]
-        expected = gap.min() - temperature * np.log(mean)
-        assert float(scalars.soft_min_gap) == pytest.approx(expected, rel=1e-9)
-        assert float(scalars.min_gap) < expected < np.trapezoid(gap, time) / time[-1] + 1e-12
-    near = jp.demand(PAIR, WAVES, LONG, temperature=1e-4)
-    assert float(near.soft_min_gap) == pytest.approx(float(near.min_gap), abs=1e-3)
+    run, _ = long_run(LONG.dt)
+    gap, time, least = run.gap, run.time, float(run.min_gap)
 
     def soft(temperature):
         return jp.demand(PAIR, WAVES, LONG, temperature=temperature).soft_min_gap
 
+    for temperature in (1e-4, 1e-3, 0.02, 0.3, 100.0):
+        mean = np.trapezoid(np.exp(-(gap - gap.min()) / temperature), time) / time[-1]
+        expected = gap.min() - temperature * np.log(mean)
+        assert float(soft(temperature)) == pytest.approx(expected, rel=1e-9)
+        assert least < expected < np.trapezoid(gap, time) / time[-1] + 1e-12
+        assert temperature > 1e-4 or expected < least + 1e-3
     slope = jax.jit(lambda x: jax.jvp(soft, (x,), (1.0,))[1])(0.05)
     difference = (soft(0.0501) - soft(0.0499)) / 2e-4
     assert float(slope) == pytest.approx(float(difference), rel=1e-3)
@@ -424,12 +414,9 @@ def test_new_values_do_not_trace_again():
     def in_waves(friction, amplitude):
         return gap(friction, jp.Ricker(amplitude, [2.0], [3.0]))
 
-    batch = jax.jit(jax.vmap(jax.value_and_grad(in_waves)))
-    for scale in (0.1, 0.2, 0.3):
-        batch.trace(scale * np.ones(4), np.linspace(0.1, 1, 4))
-    assert len(traces) == 1
-    compiled = jax.jit(gap)
+    batch, compiled = jax.jit(jax.vmap(jax.value_and_grad(in_waves))), jax.jit(gap)
     for mu in (0.1, 0.2, 0.3):
+        batch.trace(mu * np.ones(4), np.linspace(0.1, 1, 4))
         compiled.trace(mu, WAVES)
         compiled.trace(mu, jp.Record([0.0, 0.1, mu], 0.5, f"record {mu}", "1/ω1"))
     assert len(traces) == 3
@@ -560,7 +547,7 @@ def test_a_step_above_the_limit_is_refused_with_the_limit_in_its_unit():
         refused(says, jp.demand, structures, WAVES, jp.TimeGrid(1.01 * limit, 100))
 
 
-REAL = "must be a real number"
+REAL, TWO_FRICTIONS = "must be a real number", changed(friction=np.array([0.1, 0.2]))
 
 test_bad_grids_schemes_and_arguments_are_named = pytest.mark.unchecked(
     refusals(
@@ -583,10 +570,7 @@ test_bad_grids_schemes_and_arguments_are_named = pytest.mark.unchecked(
         (jp.simulate, "x", WAVES, SHORT, "structures = 'x' must be AdjacentStructures, a System"),
         (jp.simulate, PAIR, 3, SHORT, "ground = 3 must have acceleration"),
         (jp.demand, PAIR, WAVES, 100, "grid = 100 must be of type TimeGrid"),
-        (
-            lambda: jp.demand(changed(friction=np.array([0.1, 0.2])), WAVES, SHORT),
-            r"friction of shape \(2,\) must be one number",
-        ),
+        (jp.demand, TWO_FRICTIONS, WAVES, SHORT, r"friction of shape \(2,\) must be one number"),
         (jp.demand, PAIR, lambda t: np.full_like(t, np.nan), SHORT, "finite"),
     )
 )
@@ -631,9 +615,9 @@ def test_a_traced_invalid_run_is_nan_in_every_result_and_derivative_and_says_so(
     traced = jax.jit(lambda x: jax.jvp(invalid[name], (x,), (1.0,)))(0.05)
     broken, way = jax.tree.map(lambda x: np.asarray(x, float), traced)
     batch = jax.device_get(runs(jax.tree.map(lambda *x: np.stack(x), PAIR, broken)))
-    for path, leaf in jax.tree_util.tree_leaves_with_path(batch):
-        assert np.isfinite(leaf[0]).all(), path
-        assert np.isnan(leaf[1]).all(), path
+    for path, (valid, failed) in jax.tree_util.tree_leaves_with_path(batch):
+        assert np.isfinite(valid).all(), path
+        assert np.isnan(failed).all(), path
     assert "invalid run" in repr(batch[0][1])
     assert np.isnan(slope(broken, way))
 
