@@ -9,8 +9,6 @@ matrix exponential.
 import numpy as np
 from scipy.linalg import expm
 
-import jaxpound as jp
-
 
 def elements(material, spacing=0.7, decades=(-9.0, 7.0)):
     """Rates λ and weights w of K*(s)/K = 1 + Σ w s/(s + λ); exact for rods of order 1.
@@ -35,27 +33,22 @@ def first_order(system):
     """A and b of y' = A y + b u'', where y begins with displacements and velocities."""
     n = len(system.masses)
     mass = np.array(system.masses, float)
-    ways, spectra = [], []
-    for rod in system.rods:
-        way = np.zeros(n)
-        for end, sign in zip(rod.ends, (1.0, -1.0), strict=True):
-            if end != jp.GROUND:
-                way[end] = sign
-        ways.append(way)
-        spectra.append(elements(rod.material))
+    axes = np.eye(n + 1)[:, :n]  # of the masses, and nothing for the ground, whose number is -1
+    ways = [axes[rod.ends[0]] - axes[rod.ends[1]] for rod in system.rods]
+    spectra = [elements(rod.material) for rod in system.rods]
     size = 2 * n + sum(len(rates) for rates, _ in spectra)
     a, b = np.zeros((size, size)), np.zeros(size)
     a[:n, n : 2 * n] = np.eye(n)
     b[n : 2 * n] = -1.0
     at = 2 * n
     for rod, way, (rates, weights) in zip(system.rods, ways, spectra, strict=True):
-        own = slice(at, at + len(rates))
+        inner = slice(at, at + len(rates))
         # y_k' = e' − λ_k y_k has the transform s/(s + λ_k) of the elongation e.
-        a[own, n : 2 * n] = way
-        a[own, own] = -np.diag(rates)
+        a[inner, n : 2 * n] = way
+        a[inner, inner] = -np.diag(rates)
         a[n : 2 * n, :n] -= rod.stiffness * np.outer(way, way) / mass[:, None]
-        a[n : 2 * n, own] -= rod.stiffness * np.outer(way, weights) / mass[:, None]
-        at = own.stop
+        a[n : 2 * n, inner] -= rod.stiffness * np.outer(way, weights) / mass[:, None]
+        at = inner.stop
     return a, b
 
 
@@ -88,6 +81,6 @@ def positions(system, acceleration, dt, every):
 
 def vibrations(system):
     """Exponents s of the free vibrations, Im s > 0, from the slowest to the fastest."""
-    found = np.linalg.eigvals(first_order(system)[0])
-    found = found[found.imag > 0.05 * np.abs(found)]
-    return found[np.argsort(np.abs(found))]
+    exponents = np.linalg.eigvals(first_order(system)[0])
+    exponents = exponents[exponents.imag > 0.05 * np.abs(exponents)]
+    return exponents[np.argsort(np.abs(exponents))]

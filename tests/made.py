@@ -12,21 +12,13 @@ from jaxpound.results.elements import place_of
 from jaxpound.results.impacts import ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, RodResponse
 
-SCALARS = (
-    *("min_gap", "min_gap_time", "peak_x1", "peak_x2", "peak_f1", "peak_f2"),
-    *("peak_acceleration_1", "peak_acceleration_2", "slip_distance", "friction_work"),
-    *("residual_offset", "pga", "pgv"),
-)
+SCALARS = ("min_gap", "min_gap_time", "peak_x1", "peak_x2", "peak_f1", "peak_f2")
+SCALARS += ("peak_acceleration_1", "peak_acceleration_2", "slip_distance", "friction_work")
+SCALARS += ("residual_offset", "pga", "pgv")
 OF_LINKS = ("gap", "friction", "slip_velocity", "phase", "change_time")
-SERIES = (
-    *("x1", "x2", "v1", "v2", "f1", "f2", *OF_LINKS),
-    *("ground_acceleration", "ground_velocity"),
-)
-
-OF_CONTACT = (
-    *("peak_contact", "peak_impulse", "peak_penetration", "n_impacts", "first_impact_time"),
-    *("contact_work", "soft_peak_contact"),
-)
+SERIES = ("x1", "x2", "v1", "v2", "f1", "f2", *OF_LINKS, "ground_acceleration", "ground_velocity")
+OF_CONTACT = ("peak_contact", "peak_impulse", "peak_penetration", "n_impacts", "first_impact_time")
+OF_CONTACT += ("contact_work", "soft_peak_contact")
 
 
 def pair_demand(value, soft=None, contact=False):
@@ -80,43 +72,40 @@ def row_response(row, time, displacement):
     """
     system, step = row.system(), time[1] - time[0]
     x = [displacement(i, time) for i in range(len(system.masses))]
-    v = [np.gradient(one, step) for one in x]
+    v = [np.gradient(path, step) for path in x]
     links, of_links = [], []
     for link in system.links:
         gap, w = link.gap - elongation(link.ends, x), elongation(link.ends, v)
-        known, scalars = {}, {}
+        of_contact, scalars = {}, {}
         if link.contact is not None:
             force, closed = np.maximum(-10 * gap, 0.0), gap <= 0
             begins = time[1:][closed[1:] & ~closed[:-1]]
             fields = ("end", "approach_velocity", "rebound_velocity", "impulse", "peak_force")
             series = {name: np.ones_like(begins) for name in fields} | {"end": begins + step}
-            known = dict.fromkeys(("contact_stored", "contact_lost", "friction_work"), 0 * w)
-            known |= {"contact": force, "touching": closed.astype(float)}
-            known["impacts"] = ImpactSeries(time=begins, **series)
+            of_contact = dict.fromkeys(("contact_stored", "contact_lost", "friction_work"), 0 * w)
+            of_contact |= {"contact": force, "touching": closed.astype(float)}
+            of_contact["impacts"] = ImpactSeries(time=begins, **series)
             scalars = dict.fromkeys(OF_CONTACT, 0.0) | {"n_impacts": float(begins.size)}
             scalars["peak_contact"] = force.max()
-        known["slip_force"] = link.friction
-        links.append(LinkResponse(gap, 0.1 * w, w, 0 * w, 0 * w, link.ends, **known))
+        series = gap, 0.1 * w, w, 0 * w, 0 * w
+        links.append(LinkResponse(*series, link.ends, slip_force=link.friction, **of_contact))
         least = gap.argmin()
         of_links.append(LinkDemand(gap[least], time[least], 1.0, 1.0, 0.0, **scalars))
-    forces = [5.0 * elongation(rod.ends, x) for rod in system.rods]
+    ends = [rod.ends for rod in system.rods]
+    forces = [5.0 * elongation(of_rod, x) for of_rod in ends]
+    peaks = [np.abs(force).max() for force in forces]
+    inner = [min(of_rod) >= 0 for of_rod in ends]
+    drifts = [peak / 5.0 if inside else None for peak, inside in zip(peaks, inner, strict=True)]
+    masses = tuple(MassDemand(np.abs(path).max(), 1.0) for path in x)
+    rods = tuple(map(RodDemand, peaks, drifts))
     return jp.Response(
         time=time,
         ground_acceleration=np.cos(time),
         ground_velocity=np.sin(time),
-        masses=tuple(MassResponse(*one, 1.0) for one in zip(x, v, strict=True)),
-        rods=tuple(RodResponse(f, r.ends) for f, r in zip(forces, system.rods, strict=True)),
+        masses=tuple(MassResponse(*motion, 1.0) for motion in zip(x, v, strict=True)),
+        rods=tuple(map(RodResponse, forces, ends)),
         links=tuple(links),
-        demand=jp.Demand(
-            masses=tuple(MassDemand(np.abs(one).max(), 1.0) for one in x),
-            rods=tuple(
-                RodDemand(np.abs(f).max(), np.abs(f).max() / 5.0 if min(r.ends) >= 0 else None)
-                for f, r in zip(forces, system.rods, strict=True)
-            ),
-            links=tuple(of_links),
-            pga=1.0,
-            pgv=1.0,
-        ),
+        demand=jp.Demand(masses=masses, rods=rods, links=tuple(of_links), pga=1.0, pgv=1.0),
     )
 
 

@@ -20,18 +20,10 @@ def convergence_order(steps, errors):
 
 def paper_gradient(derivative):
     """The nine reference derivatives of min gap next to those in an ``AdjacentStructures``."""
-    reference = load("paper_case")["grad_min_gap"]
-    ours = {
-        "mu": derivative.friction,
-        "txa": derivative.rod_1.tau_x,
-        "tfa": derivative.rod_1.tau_f,
-        "txb": derivative.rod_2.tau_x,
-        "tfb": derivative.rod_2.tau_f,
-        "al": derivative.rod_1.order,
-        "be": derivative.rod_2.order,
-        "eps": derivative.stiffness_ratio,
-        "rho": derivative.mass_ratio,
-    }
+    reference, rods = load("paper_case")["grad_min_gap"], (derivative.rod_1, derivative.rod_2)
+    ours = {"mu": derivative.friction, "al": rods[0].order, "be": rods[1].order}
+    ours |= {"txa": rods[0].tau_x, "tfa": rods[0].tau_f, "txb": rods[1].tau_x, "tfb": rods[1].tau_f}
+    ours |= {"eps": derivative.stiffness_ratio, "rho": derivative.mass_ratio}
     return {name: (float(ours[name]), reference[name]) for name in reference}
 
 
@@ -43,12 +35,8 @@ def paper_algorithm(structures, acceleration, dt, n_steps):
     """
     s, h, n = structures, dt, n_steps
     rods = [(s.rod_1, 1.0), (s.rod_2, s.stiffness_ratio)]
-    weights = []
-    for rod, _ in rods:
-        w = np.ones(n + 1)
-        for j in range(1, n + 1):
-            w[j] = (1 - (rod.order + 1) / j) * w[j - 1]
-        weights.append(w)
+    factors = (1 - (rod.order + 1) / np.arange(1, n + 1) for rod, _ in rods)
+    weights = [np.cumprod(np.append(1.0, factor)) for factor in factors]
     x, f = np.zeros((2, n + 2)), np.zeros((2, n + 1))
     q, phase, rho, mu = np.zeros(n + 1), 0, s.mass_ratio, s.friction
     for m in range(n + 1):
