@@ -1,6 +1,7 @@
 """Buildings in SI units: every function takes them, and answers as for their dimensionless form."""
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,14 @@ LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
 RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
 LAW = jp.KelvinVoigt(stiffness=2e9, restitution=0.65)
 PAIR = jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, friction=100e3, gap=0.05),))
-POUNDING = jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, friction=100e3, gap=0.02, contact=LAW),))
+
+
+def linked(**changes):
+    """The pair with another link."""
+    return dataclasses.replace(PAIR, links=(dataclasses.replace(PAIR.links[0], **changes),))
+
+
+POUNDING = linked(gap=0.02, contact=LAW)
 T = 0.02 * np.arange(400)
 RECORD = jp.Record(0.2 * np.sin(7 * T) * np.exp(-((T - 3) ** 2)), 0.02, "burst")
 WAVELET = jp.Ricker(0.03, 0.8, 2.0)
@@ -40,9 +48,8 @@ def close(result, expected, rtol=1e-8):
 def random_ground(scales=None):
     """Wavelets in metres and seconds, or the same in dimensionless numbers."""
     metre, second = (1.0, 1.0) if scales is None else (1 / scales.length, 1 / scales.time)
-    periods = jp.Uniform(0.6 * second, 2.0 * second)
-    arrivals = jp.Uniform(1.0 * second, 4.0 * second)
-    return jp.RandomRicker(3, jp.LogNormal(0.015 * metre, 0.4), periods, arrivals)
+    times = (jp.Uniform(low * second, high * second) for low, high in ((0.6, 2.0), (1.0, 4.0)))
+    return jp.RandomRicker(3, jp.LogNormal(0.015 * metre, 0.4), *times)
 
 
 def test_runs_are_those_of_the_dimensionless_form_with_records_in_g_and_motions_in_metres():
@@ -85,13 +92,11 @@ def test_a_user_s_motion_is_traced_in_metres_and_seconds_with_its_velocity():
     second, g = 1 / float(scales.time), jp.STANDARD_GRAVITY
     same = RectangularPulse(-0.5 / g, 1.0 * second, 1.503 * second)
 
-    def slope_of(structures, grid, pulse):
-        def min_gap(pulse):
-            return jp.demand(structures, pulse, grid, only=("min_gap",)).min_gap
+    def slope_of(pulse, structures, grid):
+        min_gap = partial(jp.demand, structures, grid=grid, only=("min_gap",))
+        return jax.jit(jax.jacfwd(lambda pulse: min_gap(pulse).min_gap))(pulse)
 
-        return jax.jit(jax.jacfwd(min_gap))(pulse)
-
-    slope, expected = slope_of(PAIR, GRID, pulse), slope_of(row, grid, same)
+    slope, expected = slope_of(pulse, PAIR, GRID), slope_of(same, row, grid)
     assert float(slope.end) == pytest.approx(float(expected.end) * scales.length * second, rel=1e-8)
     assert float(slope.size) == pytest.approx(float(expected.size) * scales.length / g, rel=1e-8)
     both = as_run(2.0 * RECORD + pulse, GRID, 9.8)
@@ -103,8 +108,7 @@ def test_masses_and_stiffnesses_are_differentiated_and_batched_in_any_precision(
     only = ("min_gap",)
 
     def gap(mass):
-        left = dataclasses.replace(LEFT, mass=mass)
-        buildings = dataclasses.replace(PAIR, buildings=(left, RIGHT))
+        buildings = jp.Buildings((dataclasses.replace(LEFT, mass=mass), RIGHT), PAIR.links)
         return jp.demand(buildings, RECORD, GRID, only=only).min_gap
 
     step, single = 50.0, jax.jit(gap)
@@ -164,18 +168,15 @@ def test_rare_events_have_thresholds_in_metres_and_the_same_design_points():
 
 def test_a_user_s_law_of_contact_has_rare_events_and_runs_as_it_is_written():
     """Its units are not known, so it has no dimensionless form; none is needed."""
-    link = dataclasses.replace(PAIR.links[0], contact=KnownCushion(2e8))
-    buildings = dataclasses.replace(PAIR, links=(link,))
+    buildings = linked(contact=KnownCushion(2e8))
     state = jp.LimitState(jp.Scenarios(buildings, random_ground()), GRID, threshold=0.15)
     assert state.time_step == pytest.approx(scaled(PAIR)[2].dt)
     refused("must be a law of this package", buildings.dimensionless)
 
-    def pounding(law):
-        link = dataclasses.replace(POUNDING.links[0], contact=law)
-        return dataclasses.replace(POUNDING, links=(link,)), RECORD + WAVELET, GRID
-
-    gap = jp.demand(*pounding(KnownCushion(2e9)), only=("min_gap",)).min_gap
-    elastic = jp.simulate(*pounding(jp.KelvinVoigt(stiffness=2e9, restitution=1.0)))
+    laws = KnownCushion(2e9), jp.KelvinVoigt(stiffness=2e9, restitution=1.0)
+    of_user, elastic = (linked(gap=0.02, contact=law) for law in laws)
+    gap = jp.demand(of_user, RECORD + WAVELET, GRID, only=("min_gap",)).min_gap
+    elastic = jp.simulate(elastic, RECORD + WAVELET, GRID)
     assert float(gap) == pytest.approx(float(elastic.min_gap), rel=1e-6)
 
 
@@ -211,6 +212,7 @@ def test_records_of_a_suite_need_no_scales():
 
 
 BOTH, ROD = (LEFT, RIGHT), jp.paper.structures().rod_2
+SCENARIOS = jp.Scenarios(PAIR, random_ground())
 DIMENSIONLESS = jp.Record(RECORD.samples, 0.02, time_unit="1/ω1")
 NOISE = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 100, 0.02, intensity=0.1)
 SEVERAL = r"Buildings\(\(left, right\), links\) makes"
@@ -223,9 +225,7 @@ test_errors_name_the_argument = refusals(
     ),
     (jp.Scenarios, PAIR, NOISE, "Scenarios: ground: .*must be in seconds"),
     (
-        lambda: jp.monte_carlo(
-            jp.Scenarios(PAIR, random_ground()), 8, GRID, scales=jp.Scales(500e3, 7.0)
-        ),
+        lambda: jp.monte_carlo(SCENARIOS, 8, GRID, scales=jp.Scales(500e3, 7.0)),
         r"monte_carlo: scales = Scales.* must be None: Buildings are in SI units",
     ),
 )
@@ -278,6 +278,5 @@ def test_units_that_are_hardly_meant_are_warned_of():
         ({"gap": 9.0}, "links.0.gap = 9 m should be at most 5 times"),
         ({"contact": jp.KelvinVoigt(2e3, 0.65)}, "links.0.contact: stiffness = 2000 N/m makes"),
     ):
-        link = dataclasses.replace(PAIR.links[0], **changes)
         with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {words}"):
-            jp.Buildings((LEFT, RIGHT), (link,))
+            linked(**changes)

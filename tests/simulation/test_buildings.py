@@ -1,6 +1,5 @@
 """Buildings and a record in SI units: the run of the dimensionless system, in one call."""
 
-import dataclasses
 import re
 from functools import partial
 from pathlib import Path
@@ -14,14 +13,11 @@ from jaxpound.plots.explorer import Explorer
 from jaxpound.simulation.buildings import time_step
 from tests.cli.commands import PULSE
 from tests.refusals import refusals, refused
+from tests.test_buildings import LEFT, RIGHT
 
-LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
-RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
 T = 0.02 * np.arange(300)
 RECORD = jp.Record(0.3 * np.sin(7 * T) * np.exp(-((T - 3) ** 2)), 0.02, "burst")
 DAMPED = {"friction_force": 200e3, "gap": 0.10}
-
-
 simulate = partial(jp.simulate_buildings, LEFT, RIGHT)
 
 
@@ -65,15 +61,12 @@ def test_a_law_of_contact_is_in_si():
     assert first.end - first.time == pytest.approx(lasts, rel=1e-2)
 
 
-@pytest.mark.parametrize(
-    ("periods", "limit", "record_dt", "expected"),
-    [
-        *(([0.9, 0.6], 1.0, dt, min(dt, 0.01)) for dt in (0.02, 0.01, 0.005)),
-        ([0.9, 0.6], 1.0, np.inf, 0.012),
-        ([0.9, 0.6], 0.01, 0.02, 0.005),
-        ([0.5], 1.0, 0.01, 0.01),
-    ],
-)
+STEPS = [([0.9, 0.6], 1.0, 0.02, 0.01), ([0.9, 0.6], 1.0, 0.01, 0.01), ([0.5], 1.0, 0.01, 0.01)]
+STEPS += [([0.9, 0.6], 1.0, 0.005, 0.005), ([0.9, 0.6], 1.0, np.inf, 0.012)]
+STEPS += [([0.9, 0.6], 0.01, 0.02, 0.005)]
+
+
+@pytest.mark.parametrize(("periods", "limit", "record_dt", "expected"), STEPS)
 def test_time_step_follows_from_periods_record_and_stability(periods, limit, record_dt, expected):
     assert time_step(periods, limit, record_dt) == pytest.approx(expected)
 
@@ -81,15 +74,14 @@ def test_time_step_follows_from_periods_record_and_stability(periods, limit, rec
 def test_the_time_step_of_a_row_counts_stiff_dampers_and_inertances():
     damper = jp.Rod(jp.PowerLaw(8e5, 0.3), 2e10)
     row = [jp.ShearBuilding((building,)) for building in (LEFT, RIGHT)]
-    short = {"duration": 0.3, "record": RECORD}
-    with pytest.warns(jp.PlausibilityWarning, match="after the end of the run"):
-        run = jp.simulate_row(row, (jp.FloorLink(0, 0, damper=damper),), **short)
-    limit = 2 / np.sqrt(2e10 * (1 / 500e3 + 1 / 400e3))
-    assert limit / 3 < run.time[1] < limit / 2
     light, links = jp.tuned_inerter_damper(row[0], 0.05, mass_ratio=1e-6)
-    with pytest.warns(jp.PlausibilityWarning, match="after the end of the run"):
-        run = jp.simulate_row((light,), links, **short)
-    assert run.time[1] == pytest.approx(0.01)
+    steps = []
+    for case in ((row, (jp.FloorLink(0, 0, damper=damper),)), ((light,), links)):
+        with pytest.warns(jp.PlausibilityWarning, match="after the end of the run"):
+            steps.append(jp.simulate_row(*case, RECORD, duration=0.3).time[1])
+    limit = 2 / np.sqrt(2e10 * (1 / 500e3 + 1 / 400e3))
+    assert limit / 3 < steps[0] < limit / 2
+    assert steps[1] == pytest.approx(0.01)
 
 
 def test_slip_force_gap_and_a_law_of_contact_may_be_traced():
@@ -115,6 +107,8 @@ def test_slip_force_gap_and_a_law_of_contact_may_be_traced():
 
 
 LIMIT = r"dt = 1 s must be positive and below the stability limit .* s of these buil"
+FILE = "record = 'mine.at2' must be of type Record; read_record reads one from a file"
+NO_BUILDING = "building_1 = .*; simulate and demand take dimensionless structures"
 SWEEP = r"of shape \(2,\) must be one number: a sweep is jax\.vmap"
 ROW, STIFF = jp.ShearBuilding((LEFT,)), jp.Building(4e5, [1e7, 2e7], 0.5, 0.1, 0.2)
 HEAVY = jp.Building([4e5, 5e5], 1e7, 0.5, 0.1, 0.2)  # of which the units are
@@ -130,18 +124,12 @@ test_bad_arguments_are_named_in_si = pytest.mark.unchecked(
         ({"duration": 3600.0, "dt": 1e-3}, "duration = 3600 s must be between 2"),
         ({"duration": 4000}, "duration = 4000 s must be between 0.001 and 3600 s .at most an hour"),
         ({"record": jp.Ricker(1, 1, 1)}, "record = .* must be of type Record"),
-        (
-            {"record": "mine.at2"},
-            "record = 'mine.at2' must be of type Record; read_record reads one from a file",
-        ),
+        ({"record": "mine.at2"}, FILE),
         ({"scheme": 2}, "scheme = 2 must be of type Scheme"),
         ({"building_2": STIFF}, r"building_2 of shape \(2,\)"),
         ({"building_1": HEAVY}, r"building_1 of shape \(2,\) must be one building"),
         ({"building_1": ROW}, "building_1 = .* must be of type Building; simulate_row takes them"),
-        (
-            {"building_1": STRUCTURES},
-            "building_1 = .*; simulate and demand take dimensionless structures",
-        ),
+        ({"building_1": STRUCTURES}, NO_BUILDING),
         *(({name: np.ones(2)}, f"{name} {SWEEP}") for name in ("friction_force", "gap", "gravity")),
         of=lambda changes: jp.simulate_buildings(
             **{"building_1": LEFT, "building_2": RIGHT, "record": RECORD, **DAMPED} | changes
@@ -176,14 +164,13 @@ GRID = jp.TimeGrid(0.1, 40)
 SHAKING = SCALES.to_dimensionless(RECORD)
 WAVE = jp.Ricker(0.1, 2.0, 1.0)
 SPACE = jp.DesignSpace(STRUCTURES, {"friction": (0.01, 1.0)})
+UNCERTAIN = jp.UncertainStructures(STRUCTURES, {"friction": jp.LogNormal(0.1, 0.2)})
 CALLS = (
     lambda ground: jp.simulate(STRUCTURES, ground, GRID),
     lambda ground: jp.demand(STRUCTURES, ground, GRID),
     lambda ground: jax.grad(lambda s: jp.demand(s, ground, GRID).min_gap)(STRUCTURES),
     lambda ground: jp.calibrate(SPACE, {"x1": np.zeros(41)}, ground, GRID),
-    lambda ground: jp.Scenarios(
-        jp.UncertainStructures(STRUCTURES, {"friction": jp.LogNormal(0.1, 0.2)}), ground
-    ),
+    lambda ground: jp.Scenarios(UNCERTAIN, ground),
     lambda ground: jp.monte_carlo(
         jp.Scenarios(STRUCTURES, jp.CustomDraw(lambda z: z[0] * ground, 1)), 8, GRID
     ),
@@ -209,46 +196,29 @@ test_dimensionless_structures_refuse_a_record_in_seconds = refusals(
 )
 
 
+OF_ROWS = r"demand: structures = .*; simulate_row takes them, and Buildings\(\(left, right\)"
+OF_FILES = r"ground = .*'mine.at2'.* must have acceleration\(t\).*; read_record reads one"
 MEANT = "must be in seconds, but is in"
 
 test_a_wrong_object_is_told_which_function_wants_it = pytest.mark.unchecked(
     refusals(
         (jp.simulate, LEFT, WAVE, GRID, "simulate: structures = .*; simulate_buildings"),
         (jp.demand, (LEFT, RIGHT), WAVE, GRID, "demand: structures = .*; simulate_bui"),
-        (
-            *(jp.demand, ROW, WAVE, GRID),
-            r"demand: structures = .*; simulate_row takes them, and Buildings\(\(left, right\)",
-        ),
-        (
-            *(jp.simulate, STRUCTURES, Path("mine.at2"), GRID),
-            r"ground = .*'mine.at2'.* must have acceleration\(t\).*; read_record reads one",
-        ),
+        (jp.demand, ROW, WAVE, GRID, OF_ROWS),
+        (jp.simulate, STRUCTURES, Path("mine.at2"), GRID, OF_FILES),
     )
 )
 BURST = r"Record\('burst'.*"
+SAME_UNIT = rf"^RandomRecord: records\[1\] = {BURST} the same unit of time"
+DEMAND = jax.jit(lambda record: jp.demand(STRUCTURES, record, GRID).min_gap)
+GRADIENT = jax.grad(lambda x: jp.simulate_buildings(x, RIGHT, RECORD, **DAMPED).min_gap)
+
 test_a_wrong_unit_of_time_and_traced_buildings_are_refused = refusals(
     (jp.Ensemble.of, [RECORD, SHAKING], GRID, "Ensemble: grounds must be in one unit of time"),
-    (
-        *(jax.jit(lambda record: jp.demand(STRUCTURES, record, GRID).min_gap), RECORD),
-        r"Record\(\(300,\) samples, time in s\) must be in units of 1/ω1",
-    ),
-    (
-        *(jp.RandomRecord, (SHAKING, RECORD)),
-        rf"^RandomRecord: records\[1\] = {BURST} the same unit of time",
-    ),
+    (DEMAND, RECORD, r"Record\(\(300,\) samples, time in s\) must be in units of 1/ω1"),
+    (jp.RandomRecord, (SHAKING, RECORD), SAME_UNIT),
     (Explorer, STRUCTURES, RECORD, GRID, f"^Explorer: ground: {BURST} in units of 1/ω1"),
-    (
-        *(jax.grad(lambda x: jp.simulate_buildings(x, RIGHT, RECORD, **DAMPED).min_gap), LEFT),
-        r"^simulate_buildings: buildings and record\.dt must be",
-    ),
+    (GRADIENT, LEFT, r"^simulate_buildings: buildings and record\.dt must be"),
     (SCALES.to_dimensionless, SHAKING, f"record = {BURST}{MEANT}"),
     (lambda: simulate(SHAKING, **DAMPED), f"{MEANT} units of 1/ω1 already"),
 )
-
-
-def test_contact_in_single_precision_is_told_of():
-    touching = dataclasses.replace(STRUCTURES, contact=jp.KelvinVoigt(400.0, 0.65))
-    with jax.enable_x64(False):
-        strictly = partial(jp.demand, ground=WAVE, grid=GRID, strict=True)
-        refused(r"^demand: contact is run in float32", strictly, touching)
-        strictly(STRUCTURES)
