@@ -14,6 +14,7 @@ from tests.simulation.contact.test_flows import LAWS
 
 GRID = jp.TimeGrid(0.02, 3200)
 SHAKING = jp.Ricker(0.4, [1.25, 2.0, 3.5], [2.5, 3.5, 6.0])
+RESOLVED = jp.Scheme()
 LANES = 16
 WAVELETS = 36
 FORCES = ("kelvin_clip", "hertz", "hertzdamp_exact", "jankowski")
@@ -44,7 +45,7 @@ def law(name, stiffness=1000.0, restitution=0.65, among=FORCES):
     if name not in FORCES:
         return LAWS[name](stiffness, restitution)
     hertz = stiffness**1.25
-    laws = [LAWS[one](stiffness if "kelvin" in one else hertz, restitution) for one in among]
+    laws = [LAWS[x](stiffness if "kelvin" in x else hertz, restitution) for x in among]
     return OneOf(float(among.index(name)), tuple(laws))
 
 
@@ -57,65 +58,46 @@ def pair(masses, materials, stiffnesses, **link):
     )
 
 
-def in_unit_of_time(unit, system, ground):
-    """The same run in another unit of time, so that a step of the grid is ``unit`` times as long.
+POWERS = dict.fromkeys(("stiffness", "friction", "force", "increase"), 2)
+POWERS |= {"velocity": 1, "velocities": 1, "periods": -1, "arrivals": -1}
+"""Of the unit of time in numbers by their names; others have none, but for relaxation times."""
+
+
+def in_unit_of_time(unit, *parts):
+    """Systems, grounds or states in another unit of time: a step of the grid is so often as long.
 
     Runs with shorter steps so need no program of their own. Forces are in units of mass times
     length over time squared, relaxation times to the power of the order in those of time.
     """
 
-    def in_unit(law):
-        if isinstance(law, OneOf):
-            return OneOf(law.which, tuple(map(in_unit, law.laws)))
-        if isinstance(law, jp.ZenerRod):
-            times = {name: getattr(law, name) * unit**-law.order for name in ("tau_f", "tau_x")}
-            return dataclasses.replace(law, **times)
-        if law is None or isinstance(law, jp.Newton | jp.Bilinear | jp.BoucWen):
+    def in_unit(path, number):
+        name = [key.name for key in path if isinstance(key, jax.tree_util.GetAttrKey)][-1]
+        return number * unit ** POWERS[name] if name in POWERS else number
+
+    def relaxing(law):
+        if not isinstance(law, jp.ZenerRod):
             return law
-        if isinstance(law, jp.PowerLaw):
-            return dataclasses.replace(law, force=law.force * unit**2, velocity=law.velocity * unit)
-        if isinstance(law, jp.VelocityFriction):
-            return jp.VelocityFriction(law.increase * unit**2, law.velocity * unit)
-        return dataclasses.replace(law, stiffness=law.stiffness * unit**2)
+        times = {name: getattr(law, name) * unit**-law.order for name in ("tau_f", "tau_x")}
+        return dataclasses.replace(law, **times)
 
-    rods = [
-        dataclasses.replace(rod, stiffness=rod.stiffness * unit**2, material=in_unit(rod.material))
-        for rod in system.rods
-    ]
-    links = [
-        dataclasses.replace(
-            link,
-            friction=link.friction * unit**2,
-            contact=in_unit(link.contact),
-            velocity_friction=in_unit(link.velocity_friction),
-        )
-        for link in system.links
-    ]
-    ground = dataclasses.replace(
-        ground,
-        periods=jnp.asarray(ground.periods) / unit,
-        arrivals=jnp.asarray(ground.arrivals) / unit,
-    )
-    return dataclasses.replace(system, rods=tuple(rods), links=tuple(links)), ground
+    parts = jax.tree_util.tree_map_with_path(in_unit, parts)
+    return jax.tree.map(relaxing, parts, is_leaf=lambda part: isinstance(part, jp.ZenerRod))
 
 
-def displacements_in_units(system, steps, end, ground=SHAKING):
+def displacements_in_units(system, steps, end, ground=SHAKING, start=None, scheme=RESOLVED):
     """Of runs of these steps by one program, until ``end`` at the last step and later at others."""
     grid = jp.TimeGrid(steps[0], round(end / steps[-1]))
-    case = jax.tree.map(lambda x: jnp.asarray(x, float), (system, ground))
-    return np.asarray(_displacements(jnp.asarray(steps) / grid.dt, case, grid))
+    start = jp.InitialState() if start is None else start
+    case = jax.tree.map(lambda x: jnp.asarray(x, float), (system, ground, start))
+    return np.asarray(_displacements(jnp.asarray(steps) / grid.dt, case, grid, scheme))
 
 
-@partial(jax.jit, static_argnums=2)
-@partial(jax.vmap, in_axes=(0, None, None))
-def _displacements(unit, case, grid):
-    response = jp.simulate(*in_unit_of_time(unit, *case), grid)
+@partial(jax.jit, static_argnums=(2, 3))
+@partial(jax.vmap, in_axes=(0, None, None, None))
+def _displacements(unit, case, grid, scheme):
+    system, ground, start = in_unit_of_time(unit, *case)
+    response = jp.simulate(system, ground, grid, scheme, initial=start)
     return jnp.stack([mass.x for mass in response.masses])
-
-
-def run(systems, grounds):
-    """Responses over ``GRID``, of a batch of any size."""
-    return _in_batches(_run, systems, grounds)
 
 
 def growth(systems, grounds):
@@ -129,18 +111,18 @@ _run = jax.jit(jax.vmap(lambda system, ground: jp.simulate(system, ground, GRID)
 _growth = jax.jit(lambda system, ground: jp.growth(system, ground, GRID))
 
 
-def _in_batches(of_all, systems, grounds):
-    """A program is for a given number of lanes and of wavelets; lanes to spare stay at rest."""
+def run(systems, grounds):
+    """Responses over ``GRID``, of a batch of any size.
+
+    A program is for a given number of lanes and of wavelets; lanes to spare stay at rest.
+    """
     grounds = [padded(ground) for ground in grounds]
     spare = -len(systems) % LANES
     systems = [*systems, *[systems[0]] * spare]
     grounds = [*grounds, *[padded(jp.Ricker(0.0, [], []))] * spare]
-    found = [
-        jax.device_get(of_all(stacked(systems[i : i + LANES]), stacked(grounds[i : i + LANES])))
-        for i in range(0, len(systems), LANES)
-    ]
-    n = len(systems) - spare
-    return jax.tree.map(lambda *x: np.concatenate(x)[:n], *found)
+    batches = [slice(i, i + LANES) for i in range(0, len(systems), LANES)]
+    results = [jax.device_get(_run(stacked(systems[x]), stacked(grounds[x]))) for x in batches]
+    return jax.tree.map(lambda *x: np.concatenate(x)[: len(systems) - spare], *results)
 
 
 def padded(ground, wavelets=WAVELETS):

@@ -9,7 +9,7 @@ import pytest
 
 import jaxpound as jp
 from tests.refusals import refusals
-from tests.simulation.pairs import in_unit_of_time
+from tests.simulation.pairs import displacements_in_units, in_unit_of_time
 
 PAPER, GROUND = jp.paper.structures(), jp.paper.ground()
 TWICE = jp.Scheme(extrapolated=True)
@@ -41,20 +41,13 @@ def test_it_is_what_two_runs_say_with_the_series_of_the_grid():
 
 
 def test_a_smooth_run_is_of_fourth_order():
-    """One program takes both steps, each in a unit of time in which it is the grid's own."""
     block = jp.System(masses=(1.0,), rods=(jp.Rod(ELASTIC, 1.0, (0, jp.GROUND)),))
-    still, steps, errors = jp.Ricker(0.0, [1.0], [0.0]), np.array([0.2, 0.1]), []
-
-    @jax.jit
-    def displacement(unit):
-        start = jp.InitialState((0.3,), (0.2 * unit,))
-        system, ground = in_unit_of_time(unit, block, still)
-        return jp.simulate(system, ground, grid(0.1), TWICE, initial=start).masses[0].x
-
-    for dt in steps:
+    still, start, steps = jp.Ricker(0.0, [1.0], [0.0]), jp.InitialState((0.3,), (0.2,)), (0.2, 0.1)
+    errors = []
+    runs = displacements_in_units(block, steps, 12.0, still, start, TWICE)
+    for (x,), dt in zip(runs, steps, strict=True):
         t = dt * np.arange(121)
-        exact = 0.3 * np.cos(t) + 0.2 * np.sin(t)
-        errors.append(np.abs(displacement(dt / 0.1) - exact)[t <= 12].max())
+        errors.append(np.abs(x - 0.3 * np.cos(t) - 0.2 * np.sin(t))[t <= 12].max())
     assert errors[1] < 3e-6
     assert 3.7 < np.log2(errors[0] / errors[1]) < 4.3
 

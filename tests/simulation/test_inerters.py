@@ -68,9 +68,9 @@ def free_vibration(is_shared):
     inertances = SHARED if is_shared else ALONE
 
     def positions(b, unit):
-        still = dataclasses.replace(WAVE, amplitude=0.0)
-        system, still = in_unit_of_time(unit, elastic(inertances | {(0, 2): b}), still)
-        run = jp.simulate(system, still, FREE, initial=jp.InitialState(X, unit * V))
+        system, start = elastic(inertances | {(0, 2): b}), jp.InitialState(X, V)
+        system, start = in_unit_of_time(unit, system, start)
+        run = jp.simulate(system, dataclasses.replace(WAVE, amplitude=0.0), FREE, initial=start)
         return jnp.stack([mass.x for mass in run.masses])
 
     return jax.jit(lambda b, unit: jax.jvp(partial(positions, unit=unit), (b,), (1.0,)))

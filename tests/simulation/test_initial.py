@@ -10,7 +10,7 @@ import pytest
 
 import jaxpound as jp
 from tests.refusals import refusals
-from tests.simulation.pairs import OneOf, in_unit_of_time
+from tests.simulation.pairs import OneOf, displacements_in_units, in_unit_of_time
 
 STILL = jp.Ricker(0.0, [1.0], [0.0])
 ELASTIC = jp.ZenerRod(order=1.0, tau_f=0.1, tau_x=0.1)
@@ -28,8 +28,8 @@ def run(structures, dt, x=(), v=(), until=10.0, ground=STILL, **options):
 @partial(jax.jit, static_argnums=4)
 def in_unit(unit, system, x, v, grid):
     """A free run in another unit of time, of which a step of the grid is ``unit`` times as long."""
-    start = jp.InitialState((x,), (unit * v,))
-    return jp.simulate(*in_unit_of_time(unit, system, STILL), grid, initial=start)
+    system, start = in_unit_of_time(unit, system, jp.InitialState((x,), (v,)))
+    return jp.simulate(system, STILL, grid, initial=start)
 
 
 def test_free_vibration_and_its_derivatives():
@@ -142,18 +142,9 @@ def test_a_row_with_friction_converges():
     """Links that share a mass: three blocks, pulled apart and let go with a push."""
     rods = tuple(jp.Rod(ELASTIC, k, (i, jp.GROUND)) for i, k in enumerate((1.0, 1.6, 0.7)))
     row = jp.System((1.0, 0.8, 1.2), rods, (jp.Link((0, 1), 0.05), jp.Link((1, 2), 0.1)))
-    steps, until = np.array([0.04, 0.02, 0.01, 0.0025]), 6.0
-    grid = jp.TimeGrid(steps[0], round(until / steps[-1]))
-
-    @jax.jit
-    @jax.vmap
-    def paths(unit):
-        push = tuple(unit * v for v in (0.0, 0.3, -0.1))
-        initial = jp.InitialState((0.5, -0.2, 0.1), push)
-        response = jp.simulate(*in_unit_of_time(unit, row, STILL), grid, initial=initial)
-        return jnp.stack([mass.x for mass in response.masses])
-
-    displacements = np.asarray(paths(steps / grid.dt))
+    steps, until = (0.04, 0.02, 0.01, 0.0025), 6.0
+    start = jp.InitialState((0.5, -0.2, 0.1), (0.0, 0.3, -0.1))
+    displacements = displacements_in_units(row, steps, until, STILL, start)
     ends = [x[:, round(until / dt)] for x, dt in zip(displacements, steps, strict=True)]
     errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
     assert errors[-1] < 3e-5
@@ -205,10 +196,10 @@ def test_a_traced_state_that_no_run_can_start_from_gives_nan():
 energy_of = jax.jit(lambda response: response.energy)
 
 
-@pytest.mark.parametrize(
-    ("x", "v"),
-    [((0.0, 0.0), (1.0, -1.0)), ((-0.3, 0.2), (0.0, 0.0)), ((0.1, 0.0), (0.5, 0.2))],
-)
+STARTS = [((0.0, 0.0), (1.0, -1.0)), ((-0.3, 0.2), (0.0, 0.0)), ((0.1, 0.0), (0.5, 0.2))]
+
+
+@pytest.mark.parametrize(("x", "v"), STARTS)
 @pytest.mark.parametrize("contact", [None, jp.Newton(0.6), LAW], ids=["none", "newton", "kelvin"])
 def test_the_energy_balance_begins_with_the_energy_at_the_start(x, v, contact):
     """Kinetic, and in relaxed rods, each ½ K x²; the ground does no work."""
