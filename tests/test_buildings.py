@@ -111,9 +111,8 @@ def test_masses_and_stiffnesses_are_differentiated_and_batched_in_any_precision(
         buildings = jp.Buildings((dataclasses.replace(LEFT, mass=mass), RIGHT), PAIR.links)
         return jp.demand(buildings, RECORD, GRID, only=only).min_gap
 
-    step, single = 50.0, jax.jit(gap)
-    slope = (single(500e3 + step) - single(500e3 - step)) / (2 * step)
-    masses = np.array([450e3, 500e3])
+    single, masses = jax.jit(gap), np.array([450e3, 500e3])
+    slope = (single(500e3 + 50.0) - single(500e3 - 50.0)) / 100.0
     gaps, slopes = jax.jit(jax.vmap(jax.value_and_grad(gap)))(masses)
     assert float(slopes[1]) == pytest.approx(float(slope), rel=1e-5)
     alone = [single(mass) for mass in masses.tolist()]
@@ -215,19 +214,16 @@ BOTH, ROD = (LEFT, RIGHT), jp.paper.structures().rod_2
 SCENARIOS = jp.Scenarios(PAIR, random_ground())
 DIMENSIONLESS = jp.Record(RECORD.samples, 0.02, time_unit="1/ω1")
 NOISE = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 100, 0.02, intensity=0.1)
+SCALED = partial(jp.monte_carlo, SCENARIOS, 8, GRID, scales=jp.Scales(500e3, 7.0))
+OF_STRUCTURES = "must be in units of 1/ω1, as the structures are.*Buildings takes it unchanged"
+OF_LINKS = "floor_links: buildings = .* must be a tuple; .* its field buildings has each building"
 SEVERAL = r"Buildings\(\(left, right\), links\) makes"
 
 test_errors_name_the_argument = refusals(
     (jp.demand, PAIR, DIMENSIONLESS, GRID, "must be in seconds, as Buildings are"),
-    (
-        *(jp.demand, jp.paper.structures(), RECORD, GRID),
-        "must be in units of 1/ω1, as the structures are.*Buildings takes it unchanged",
-    ),
+    (jp.demand, jp.paper.structures(), RECORD, GRID, OF_STRUCTURES),
     (jp.Scenarios, PAIR, NOISE, "Scenarios: ground: .*must be in seconds"),
-    (
-        lambda: jp.monte_carlo(SCENARIOS, 8, GRID, scales=jp.Scales(500e3, 7.0)),
-        r"monte_carlo: scales = Scales.* must be None: Buildings are in SI units",
-    ),
+    (SCALED, r"monte_carlo: scales = Scales.* must be None: Buildings are in SI units"),
 )
 test_buildings_name_the_argument = refusals(
     ((), (), r"buildings = \(\) must hold at least one"),
@@ -241,10 +237,7 @@ test_buildings_name_the_argument = refusals(
 test_one_building_in_the_place_of_several = pytest.mark.unchecked(
     refusals(
         (jp.Buildings, LEFT, RIGHT, f"buildings = .* a tuple; .* {SEVERAL}"),
-        (
-            *(jp.floor_links, PAIR),
-            "floor_links: buildings = .* must be a tuple; .* its field buildings has each building",
-        ),
+        (jp.floor_links, PAIR, OF_LINKS),
         (jp.simulate, BOTH, RECORD, GRID, f"structures = .* Buildings or .*; .* {SEVERAL}"),
     )
 )

@@ -100,12 +100,12 @@ def test_a_contact_law_keeps_its_force_in_other_units(law):
     assert vars(scales.contact_to_dimensionless(law)) == vars(other)
     if isinstance(law, jp.Newton):
         assert other.restitution == 0.65
-    else:
-        state = np.array([0.002, 0.3, 0.5])
-        units = np.array([scales.length, *[scales.length / scales.time] * 2])
-        p = with_mass(law, 8e4).force(*state)
-        q = with_mass(other, 8e4 / scales.mass).force(*state / units)
-        assert q * scales.force == pytest.approx(float(p), rel=1e-13)
+        return
+    state = np.array([0.002, 0.3, 0.5])
+    units = np.array([scales.length, *[scales.length / scales.time] * 2])
+    force = with_mass(law, 8e4).force(*state)
+    same = with_mass(other, 8e4 / scales.mass).force(*state / units)
+    assert same * scales.force == pytest.approx(float(force), rel=1e-13)
 
 
 def test_contact_stiffness_goes_with_the_scales_and_units_of_other_laws_are_not_guessed():
@@ -217,9 +217,8 @@ def test_buildings_from_periods_come_in_batches_and_are_differentiable():
     batch = jp.Building.from_period(1e5, periods, dampings)
     np.testing.assert_allclose(batch.natural_period, periods, rtol=1e-12)
     np.testing.assert_allclose(batch.damping_ratio, dampings, rtol=1e-12, atol=1e-15)
-    mapped = jax.jit(jax.vmap(lambda t, z: jp.Building.from_period(1e5, t, z)))(
-        jnp.array(periods), jnp.array(dampings)
-    )
+    of_mass = jax.jit(jax.vmap(partial(jp.Building.from_period, 1e5)))
+    mapped = of_mass(np.array(periods), np.array(dampings))
     np.testing.assert_allclose(mapped.stiffness, batch.stiffness, rtol=1e-12)
     np.testing.assert_allclose(mapped.tau_x, batch.tau_x, rtol=1e-12)
 
@@ -251,14 +250,12 @@ test_building_from_period_refuses_bad_values = refusals(
 def test_every_series_of_a_response_has_its_unit():
     response, scales, si = sliding()
     speed = scales.length / scales.time
-    factors = {
-        **dict.fromkeys(("time", "change_time"), scales.time),
-        **dict.fromkeys(("x1", "x2", "gap"), scales.length),
-        **dict.fromkeys(("v1", "v2", "ground_velocity", "slip_velocity"), speed),
-        **dict.fromkeys(("f1", "f2", "friction"), scales.force),
-        **dict.fromkeys(("mass_1", "mass_2"), scales.mass),
-        **{"ground_acceleration": scales.gravity, "phase": 1.0},
-    }
+    factors = {"ground_acceleration": scales.gravity, "phase": 1.0}
+    factors |= dict.fromkeys(("time", "change_time"), scales.time)
+    factors |= dict.fromkeys(("x1", "x2", "gap"), scales.length)
+    factors |= dict.fromkeys(("v1", "v2", "ground_velocity", "slip_velocity"), speed)
+    factors |= dict.fromkeys(("f1", "f2", "friction"), scales.force)
+    factors |= dict.fromkeys(("mass_1", "mass_2"), scales.mass)
     flat = {x for _, names in response.columns() for x in names if getattr(response, x) is not None}
     flat |= {"time", "ground_acceleration", "ground_velocity"}
     assert flat == factors.keys()  # those of contact: tests/results/test_demand.py
@@ -294,7 +291,7 @@ def test_blocks_obey_newton_in_si_and_dampers_pull_with_their_slip_force():
 
 
 def test_gap_ground_energies_and_phases_are_in_si_and_not_converted_twice():
-    _, scales, si = sliding()
+    response, scales, si = sliding()
     assert si.gap[0] == pytest.approx(GAP, rel=1e-14)
     np.testing.assert_allclose(si.gap, GAP + si.x2 - si.x1, atol=1e-12)
     shaking = ground().samples * jp.STANDARD_GRAVITY
@@ -302,15 +299,14 @@ def test_gap_ground_energies_and_phases_are_in_si_and_not_converted_twice():
     assert si.time[-1] == pytest.approx(5.0)
     for result in (si, si.demand):
         refused("to_si: result must be dimensionless", scales.to_si, result)
-    response, scales, si = sliding()
     energy = si.energy
     kinetic = BUILDING_1.mass * si.v1**2 / 2 + BUILDING_2.mass * si.v2**2 / 2
     assert_close(energy.kinetic, kinetic, rel=1e-12)
     assert_close(energy.friction[-1], si.demand.friction_work, rel=1e-3)
     assert_close(si.demand.friction_work, SLIP_FORCE * si.demand.slip_distance, rel=1e-2)
     assert np.abs(energy.residual).max() < 5e-3 * energy.input.max()
-    for name, term in energy._asdict().items():
-        expected = getattr(response.energy, name) * scales.force * scales.length
+    for term, dimensionless in zip(energy, response.energy, strict=True):
+        expected = dimensionless * scales.force * scales.length
         np.testing.assert_allclose(term, expected, rtol=1e-9, atol=1e-9 * energy.input.max())
     for before, after in zip(response.phases(), si.phases(), strict=True):
         assert after.kind == before.kind
@@ -322,11 +318,11 @@ def test_batches_of_results_are_converted():
     grid, shaking = scales.grid(0.5, 0.01), scales.to_dimensionless(ground())
 
     def respond(factor):
-        return jp.simulate(structures, factor * shaking, grid)
+        response = jp.simulate(structures, factor * shaking, grid)
+        return response, scales.to_si(response)
 
-    factors = jnp.array([1.0, 2.0])
-    together = scales.to_si(jax.vmap(respond)(factors))
-    inside = jax.vmap(lambda factor: scales.to_si(respond(factor)))(factors)
+    together, inside = jax.vmap(respond)(jnp.array([1.0, 2.0]))
+    together = scales.to_si(together)
     assert together.x1.shape == (2, 51)
     assert inside.si
     np.testing.assert_allclose(together.x1, inside.x1, rtol=1e-12, atol=1e-15)
@@ -343,9 +339,8 @@ def test_gravity_only_sets_the_scale_and_either_building_may_set_it():
         assert other.demand.scalars()[name] == pytest.approx(float(value), rel=1e-8), name
     # Seen from the other side of the street the ground moves the other way.
     _, _, mirrored = run(BUILDING_2, BUILDING_1, SLIP_FORCE, GAP, sign=-1.0)
-    for one, two in (("x1", "x2"), ("v1", "v2"), ("f1", "f2")):
-        assert_close(getattr(mirrored, one), -getattr(si, two), rel=1e-7)
-        assert_close(getattr(mirrored, two), -getattr(si, one), rel=1e-7)
+    for kind, (i, j) in itertools.product("xvf", ((1, 2), (2, 1))):
+        assert_close(getattr(mirrored, f"{kind}{i}"), -getattr(si, f"{kind}{j}"), rel=1e-7)
     assert_close(mirrored.gap, si.gap, rel=1e-7)
     assert_close(mirrored.friction, si.friction, rel=1e-7)
     assert mirrored.min_gap == pytest.approx(float(si.min_gap), rel=1e-6)
@@ -385,10 +380,8 @@ def test_scales_refuse_bad_values_and_conversions_name_the_type_they_take():
     values = {"mass": 1e5, "frequency": 4.0, "gravity": 9.81}
     for name, bad in itertools.product(values, (0, -1.0, np.nan, np.inf, None, "1")):
         refused(f"Scales: {name} = ", jp.Scales, **(values | {name: bad}))
-    for method, message in {
-        "to_si": "result = .* must be of type Response or Demand",
-        "to_dimensionless": "record = .* must be of type Record",
-        "buildings": "structures = .* must be of type AdjacentStructures",
-    }.items():
-        for bad in (None, 3.0, np.ones(3), BUILDING_1):
-            refused(f"Scales.{method}: {message}", getattr(jp.Scales(1e5, 4.0), method), bad)
+    types = {"to_si": "result = .* must be of type Response or Demand"}
+    types |= {"to_dimensionless": "record = .* must be of type Record"}
+    types |= {"buildings": "structures = .* must be of type AdjacentStructures"}
+    for method, bad in itertools.product(types, (None, 3.0, np.ones(3), BUILDING_1)):
+        refused(f"Scales.{method}: {types[method]}", getattr(jp.Scales(1e5, 4.0), method), bad)

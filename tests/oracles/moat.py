@@ -26,6 +26,8 @@ LONGEST = 0.02  # substep, at eight places of which events are looked for
 REST = 1e-9
 END, EVERY = 14.4, 1.2
 APART, PRESSED, CLIPPED, CLOSED = range(4)
+SIDES = (-1, 1)
+"""Of the left and the right face."""
 
 
 class Flow:
@@ -62,10 +64,10 @@ class Flow:
 
     def depth(self, state, face):
         """Penetration at the left face, 0, or the right one, 1."""
-        return (1 if face else -1) * state[self.i] - self.link["gap"][face]
+        return SIDES[face] * state[self.i] - self.link["gap"][face]
 
     def speed(self, state, face):
-        return (1 if face else -1) * state[self.n + self.i]
+        return SIDES[face] * state[self.n + self.i]
 
     def raw(self, state, face):
         """The force of Kelvin and Voigt's law, before it is clipped."""
@@ -74,7 +76,7 @@ class Flow:
 
     def growth(self, t, state, face):
         """Its rate."""
-        rate = self.rates(t, state)[self.n + self.i] * (1 if face else -1)
+        rate = self.rates(t, state)[self.n + self.i] * SIDES[face]
         spring = self.link["faces"][face]["k"] * self.speed(state, face)
         return spring + self.damping[face] * rate
 
@@ -130,7 +132,7 @@ class Flow:
     def events(self):
         """By name, the functions of time and state whose fall below zero is the event."""
         if CLOSED in self.modes:
-            side = 1 if self.modes[1] == CLOSED else -1
+            side = SIDES[self.modes[1] == CLOSED]
             return {"open": lambda t, z: side * self.needed(t, z) + self.link["mu"]}
         if self.slip:
             events = {"turn": lambda t, z: self.slip * z[self.n + self.i]}
@@ -202,14 +204,14 @@ class Run(Flow):
         def value(time):
             return event(time, self.at(begin, state, time))
 
-        if value(low) <= 0 or value(high) >= 0:
-            return low if value(low) <= 0 else high
-        return brentq(value, low, high, xtol=1e-15, rtol=1e-15)
+        if value(low) <= 0:
+            return low
+        return high if value(high) >= 0 else brentq(value, low, high, xtol=1e-15, rtol=1e-15)
 
     def look(self):
         """Keep the largest closing in both directions, and the largest forces of contact."""
         for face in (0, 1):
-            self.extremes[face] = max(self.extremes[face], (1 if face else -1) * self.state[self.i])
+            self.extremes[face] = max(self.extremes[face], SIDES[face] * self.state[self.i])
             force = self.contact(self.state, face)
             if self.modes[face] == CLOSED:  # friction bears what it can
                 force = abs(self.needed(self.t, self.state)) - self.link["mu"]
@@ -221,7 +223,7 @@ class Run(Flow):
         if kind == "break":
             self.slip = int(np.sign(self.needed(self.t, self.state)))
         elif kind == "open":
-            self.slip, self.modes = -1 if self.modes[1] == CLOSED else 1, [APART, APART]
+            self.slip, self.modes = -SIDES[self.modes[1] == CLOSED], [APART, APART]
         elif kind == "turn":
             self.turn()
         elif kind == "touch":
@@ -250,7 +252,7 @@ class Run(Flow):
             self.modes[face], self.rises[face] = PRESSED, True
             return
         rebound = law["e"] * speed if speed > REST else 0.0
-        blow, side = (speed + rebound) / self.inverse_mass, 1 if face else -1
+        blow, side = (speed + rebound) / self.inverse_mass, SIDES[face]
         self.blows[face] = max(self.blows[face], blow)
         if self.j >= 0:
             self.state[self.n + self.j] += side * blow / self.m[self.j]

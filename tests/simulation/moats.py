@@ -9,11 +9,12 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxpound as jp
 from tests.oracles.moat import END, EVERY, changed, part_at
 from tests.reference import load
-from tests.simulation.pairs import in_unit_of_time
+from tests.simulation.pairs import in_unit_of_time, padded
 
 CASES = load("moat")["cases"]
 STEPS = (0.04, 0.02, 0.01)
@@ -49,13 +50,9 @@ def direction(case, path):
 
 def ground_of(case, unit=1.0, sign=1.0):
     """Two wavelets or fewer, after a run in a unit of time has rested."""
-    amplitude, periods, arrivals = (np.array(case["ricker"][x]) for x in ("u0", "tp", "ts"))
-    missing = (0, 2 - periods.size)
-    return jp.Ricker(
-        np.pad(sign * amplitude * np.ones(periods.size), missing),
-        np.pad(periods, missing, constant_values=1.0),
-        np.pad(arrivals, missing) + rests(unit),
-    )
+    ricker = case["ricker"]
+    arrivals = np.array(ricker["ts"]) + rests(unit)
+    return padded(jp.Ricker(sign * ricker["u0"], ricker["tp"], arrivals), 2)
 
 
 def rests(unit):
@@ -102,16 +99,12 @@ def errors_of_displacements(case, response, step):
 
 
 def check(name, displacements, slopes):
-    """Runs of a case against the reference, of second order, and the last of them in all it has.
-
-    Of the last, displacements are within this share of their largest, and derivatives within this
-    share of their norm.
-    """
+    """A case is of second order, and at last within these shares of x and of derivatives."""
     case, of_x, of_slopes = CASES[name], [], []
-    size, known = np.abs(case["x"]).max(), np.array([*case["derivatives"].values()])
+    size, exact = np.abs(case["x"]).max(), np.array([*case["derivatives"].values()])
     for step, (ours, response) in runs(name).items():
         of_x.append(errors_of_displacements(case, response, step) / size)
-        of_slopes.append(np.linalg.norm((ours - known) / np.linalg.norm(known, axis=1)[:, None]))
+        of_slopes.append(np.linalg.norm((ours - exact) / np.linalg.norm(exact, axis=1)[:, None]))
     rms = [np.sqrt(np.mean(errors**2)) for errors in of_x]
     assert rms[0] > 11 * rms[-1], rms  # 16 would be of second order
     # The first may be small by chance.
@@ -125,28 +118,28 @@ def check_scalars(case, response, unit):
     """Gaps, energies, forces and impacts of the last run, the left face first."""
     demand, energy = response.demand, response.energy
     links, force = demand.links[::-1], unit**2
-    kinds = {"min_gap": 1.0, "contact_work": force, "peak_contact": force}
-    ours = {kind: [float(getattr(x, kind)) / of for x in links] for kind, of in kinds.items()}
-    np.testing.assert_allclose(ours["min_gap"], case["min_gap"], rtol=5e-3, atol=1e-10)
-    np.testing.assert_allclose(ours["contact_work"], case["contact_lost"], rtol=5e-3)
-    np.testing.assert_allclose(ours["peak_contact"], case["peak_force"], rtol=5e-3)
+
+    def compare(name, values, unit, **within):
+        np.testing.assert_allclose(np.array(values, float) / unit, case[name], **within)
+
+    compare("min_gap", [x.min_gap for x in links], 1.0, rtol=5e-3, atol=1e-10)
+    compare("contact_lost", [x.contact_work for x in links], force, rtol=5e-3)
+    compare("peak_force", [x.peak_contact for x in links], force, rtol=5e-3)
     if case["peak_impulse"]:
-        impulses = [float(x.peak_impulse) / unit for x in links]
-        np.testing.assert_allclose(impulses, case["peak_impulse"], rtol=2e-3)
+        compare("peak_impulse", [x.peak_impulse for x in links], unit, rtol=2e-3)
+    compare("friction_work", energy.friction[-1], force, rtol=2e-3, atol=1e-12)
     lost = float(energy.contact_lost[-1]) / force
-    np.testing.assert_allclose(lost, sum(case["contact_lost"]), rtol=5e-3)
-    work = float(energy.friction[-1]) / force
-    np.testing.assert_allclose(work, case["friction_work"], rtol=2e-3, atol=1e-12)
-    taken = sum(float(r.dissipated_energy) for r in demand.rods if r.dissipated_energy is not None)
-    np.testing.assert_allclose(taken / force, case["dissipated"], rtol=2e-3)
+    assert lost == pytest.approx(sum(case["contact_lost"]), rel=5e-3)
+    taken = [r.dissipated_energy for r in demand.rods if r.dissipated_energy is not None]
+    compare("dissipated", sum(taken), force, rtol=2e-3)
     assert energy.relative_residual < 4e-3
     for face, side in enumerate(("left", "right")):
         # Newton's last rebounds before rest are not followed.
-        known = np.array([x for x in case["impacts"][face] if x[1] > 2e-3])
+        exact = np.array([x for x in case["impacts"][face] if x[1] > 2e-3])
         impacts = [x for x in response.impacts() if x.between.endswith(side)]
         ours = [(x.time * unit - rests(unit), x.approach_velocity / unit) for x in impacts]
         ours = np.array([x for x in ours if x[1] > 2e-3])
-        np.testing.assert_allclose(ours, known, rtol=0, atol=2e-3)
+        np.testing.assert_allclose(ours, exact, rtol=0, atol=2e-3)
         presses = np.asarray(response.links[1 - face].contact)
         assert presses.min() >= 0
         assert presses.max() <= demand.links[1 - face].peak_contact
@@ -162,10 +155,10 @@ def check_mirror(name):
     within = {"rtol": 0, "atol": 1e-12}
     for mass, other in zip(ours.masses, mirrored.masses, strict=True):
         np.testing.assert_allclose(mass.x, -other.x, **within)
-    for name in ("gap", "contact", "contact_lost", "contact_stored", "touching"):
-        for one, other in zip(ours.links, mirrored.links[::-1], strict=True):
-            np.testing.assert_allclose(getattr(one, name), getattr(other, name), **within)
+    for link, other in zip(ours.links, mirrored.links[::-1], strict=True):
+        for name in ("gap", "contact", "contact_lost", "contact_stored", "touching"):
+            np.testing.assert_allclose(getattr(link, name), getattr(other, name), **within)
     np.testing.assert_allclose(ours.links[0].friction, -mirrored.links[0].friction, **within)
     for name in ("min_gap", "peak_contact", "peak_impulse", "contact_work", "first_impact_time"):
-        one, other = ([getattr(x, name) for x in y.demand.links] for y in (ours, mirrored))
-        np.testing.assert_allclose(one, other[::-1], **within)
+        faces, others = ([getattr(x, name) for x in y.demand.links] for y in (ours, mirrored))
+        np.testing.assert_allclose(faces, others[::-1], **within)

@@ -171,10 +171,12 @@ CALLS = (
     lambda ground: jax.grad(lambda s: jp.demand(s, ground, GRID).min_gap)(STRUCTURES),
     lambda ground: jp.calibrate(SPACE, {"x1": np.zeros(41)}, ground, GRID),
     lambda ground: jp.Scenarios(UNCERTAIN, ground),
-    lambda ground: jp.monte_carlo(
-        jp.Scenarios(STRUCTURES, jp.CustomDraw(lambda z: z[0] * ground, 1)), 8, GRID
-    ),
+    lambda ground: jp.monte_carlo(scaled(ground), 8, GRID),
 )
+
+
+def scaled(ground):
+    return jp.Scenarios(STRUCTURES, jp.CustomDraw(lambda z: z[0] * ground, 1))
 
 
 def design(grounds):

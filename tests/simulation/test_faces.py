@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.model.contact import with_mass
 from jaxpound.simulation.contact.flows import flow
-from jaxpound.simulation.contact.records import SLOTS, Contact, FlowInput
+from jaxpound.simulation.contact.records import SLOTS
 from tests.simulation import moats
-from tests.simulation.contact.test_flows import AT_START
+from tests.simulation.contact.test_flows import AT_START, start_of
 
 ONE = moats.CASES["one mass"]
 WITHIN = {  # shares of the largest displacement, and of the derivatives
@@ -30,19 +29,7 @@ def test_runs_and_their_derivatives_are_those_of_the_reference(name):
 def test_both_faces_are_hit_again_and_again_within_one_step():
     """By Newton's law, against the sum of the flights between the walls."""
     restitution, left, right, step = 0.7, 0.0015, 0.002, 0.04
-    law, two, zero = with_mass(jp.Newton(restitution), 2.0), jnp.ones(2), jnp.zeros(2)
-    start = FlowInput(
-        closing=zero,
-        velocity=jnp.array([1.0, -1.0]),
-        pull=zero,
-        rise=zero,
-        delassus=0.5 * jnp.ones((1, 1)),
-        friction=zero,
-        gap=jnp.array([right, left]),
-        laws=(law, law),
-        resistances=(None,),
-        contact=Contact(*(0 * two,) * len(Contact._fields)),
-    )
+    start = start_of(jp.Newton(restitution), np.array([1.0, -1.0]), np.array([right, left]), 0.5)
     end = jax.jit(lambda x: flow(step, SLOTS, jnp.asarray(True), x, AT_START, (0,)))(start)
     place, speed, time, touches = right, 1.0, right, [0, 0]
     while time < step:
@@ -97,10 +84,8 @@ def test_a_face_that_cannot_close_is_none():
     (rod,) = moats.system_of(ONE).rods
     law, grid = jp.KelvinVoigt(2500.0, 0.8), jp.TimeGrid(0.04, 200)
     ground = jp.Ricker(0.25, [1.6, 2.4], [3.4, 5.6])
-    links = (
-        jp.Link((0, jp.GROUND), 0.1, 0.15, law),
-        jp.Link((jp.GROUND, 0), 0.1, (0.15, np.inf), law),
-    )
+    here, back = (0, jp.GROUND), (jp.GROUND, 0)
+    links = jp.Link(here, 0.1, 0.15, law), jp.Link(back, 0.1, (0.15, np.inf), law)
     one, two = (jp.demand(jp.System((1.0,), (rod,), (x,)), ground, grid) for x in links)
     assert one.n_impacts == 3
     assert float(two.peak_x1) == pytest.approx(float(one.peak_x1), rel=1e-7)

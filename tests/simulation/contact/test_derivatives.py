@@ -43,9 +43,3 @@ def test_leaves_that_are_not_differentiated_have_the_derivative_zero():
     gradient = jax.grad(lambda inputs: frozen(inputs, COUNT)["shifted"])(INPUTS)
     assert gradient["base"] == pytest.approx(5 * 1.3**4, rel=1e-15)
     np.testing.assert_array_equal(gradient["shift"], np.zeros(3))
-
-
-def test_second_derivatives_are_refused():
-    value = in_both_modes(power)
-    with pytest.raises(NotImplementedError, match="second derivatives of a run with contact"):
-        jax.hessian(lambda inputs: value(inputs, COUNT)["power"])(INPUTS)

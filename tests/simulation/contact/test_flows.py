@@ -32,19 +32,17 @@ LAWS = {
 AT_START = Clock(jnp.zeros(()), jnp.zeros(()), jnp.asarray(False))
 
 
-def given(law, velocity, gap, delassus=1.0, friction=0.0, pull=0.0, rise=0.0):
-    one = jnp.ones(1)
+def start_of(law, velocity, gap, delassus=1.0, friction=0.0, pull=0.0, rise=0.0):
+    """Of a link, or of its faces if there are numbers of two."""
+    ones = jnp.ones(np.size(velocity))
+    numbers = {"velocity": velocity, "gap": gap, "friction": friction, "pull": pull, "rise": rise}
     return FlowInput(
-        closing=0 * one,
-        velocity=velocity * one,
-        pull=pull * one,
-        rise=rise * one,
+        closing=0 * ones,
         delassus=delassus * jnp.ones((1, 1)),
-        friction=friction * one,
-        gap=gap * one,
-        laws=(with_mass(jax.tree.map(jnp.asarray, law), 1 / delassus),),
+        laws=(with_mass(jax.tree.map(jnp.asarray, law), 1 / delassus),) * ones.size,
         resistances=(None,),
-        contact=Contact(*(0 * one,) * len(Contact._fields)),
+        contact=Contact(*(0 * ones,) * len(Contact._fields)),
+        **{name: number * ones for name, number in numbers.items()},
     )
 
 
@@ -61,7 +59,7 @@ def test_free_collisions_are_those_of_the_laws(name):
     for case in cases:
         left, right = case["m"]
         speed, delassus = case["v0"][0] - case["v0"][1], 1 / left + 1 / right
-        start = given(LAWS[name](case["k"], case["e"]), speed, case["gap0"], delassus)
+        start = start_of(LAWS[name](case["k"], case["e"]), speed, case["gap0"], delassus)
         out = collided()(start)
         restitution = -float(out.velocity[0]) / speed
         assert restitution == pytest.approx(case["restitution"], abs=1e-6)
@@ -81,7 +79,7 @@ def test_free_collisions_are_those_of_the_laws(name):
 @pytest.mark.parametrize("law", [jp.KelvinVoigt(1000.0, 0.65), jp.Newton(0.65)])
 def test_derivatives_of_a_collision_with_friction_under_load(law):
     """By all that is given, in both modes, against differences; friction reverses in contact."""
-    start = given(law, 0.6, 0.1, delassus=2.3, friction=0.2, pull=1.3, rise=-0.4)
+    start = start_of(law, 0.6, 0.1, delassus=2.3, friction=0.2, pull=1.3, rise=-0.4)
     flat, rebuild = ravel_pytree(start)
 
     def out(x):
@@ -102,19 +100,19 @@ def test_derivatives_of_a_collision_with_friction_under_load(law):
 
 def test_rebounds_of_newtons_law_come_to_rest():
     """A block pressed against another bounces ever faster, until it rests, with its momentum."""
-    out = collided()(given(jp.Newton(0.5), 0.1, 0.01, delassus=2.0, friction=0.05, pull=1.0))
+    out = collided()(start_of(jp.Newton(0.5), 0.1, 0.01, delassus=2.0, friction=0.05, pull=1.0))
     assert (float(out.velocity[0]), float(out.closing[0])) == (0.0, 0.01)
     assert 3 < float(out.log.touches[0]) < 60
     assert float(out.held[0]) == 1
     # From then on friction takes what it can and contact the rest of what keeps the gap closed.
-    rest = collided()(given(jp.Newton(0.5), 0.0, 0.0, delassus=2.0, friction=0.05, pull=1.0))
+    rest = collided()(start_of(jp.Newton(0.5), 0.0, 0.0, delassus=2.0, friction=0.05, pull=1.0))
     assert float(rest.now.contact_force[0] + rest.now.friction[0]) == pytest.approx(0.5)
     assert float(rest.log.touches[0]) == 0
 
 
 def test_stick_that_breaks_towards_a_closed_gap_becomes_rest():
     """Friction bears .05 of the growing pull from the first, and contact the rest from then on."""
-    start = given(jp.Newton(0.5), 0.0, 0.0, delassus=2.0, friction=0.05, pull=0.1, rise=0.1)
+    start = start_of(jp.Newton(0.5), 0.0, 0.0, delassus=2.0, friction=0.05, pull=0.1, rise=0.1)
     out = collided()(start)
     assert (float(out.closing[0]), float(out.velocity[0]), float(out.held[0])) == (0, 0, 1)
 
@@ -123,7 +121,7 @@ def test_stick_ends_where_friction_that_has_changed_its_sign_reaches_the_slip_fo
     """Friction grows from −.3 μ to 5 μ: slip begins at .245 of the step, and moves with μ."""
 
     def end_velocity(slip_force):
-        start = given(jp.Newton(0.5), 0.0, 10.0, friction=slip_force, pull=0.235, rise=0.53)
+        start = start_of(jp.Newton(0.5), 0.0, 10.0, friction=slip_force, pull=0.235, rise=0.53)
         return flow(0.5, 0, jnp.asarray(True), start, AT_START).velocity[0]
 
     velocity, slope = jax.jit(jax.value_and_grad(end_velocity))(0.1)
@@ -133,7 +131,7 @@ def test_stick_ends_where_friction_that_has_changed_its_sign_reaches_the_slip_fo
 
 
 def test_a_link_without_friction_starts_from_rest_and_a_load_that_grows_from_zero():
-    start = given(jp.KelvinVoigt(1000.0, 0.65), 0.0, 10.0, pull=1.0, rise=2.0)
+    start = start_of(jp.KelvinVoigt(1000.0, 0.65), 0.0, 10.0, pull=1.0, rise=2.0)
     assert float(collided()(start).velocity[0]) == pytest.approx(0.5, rel=1e-12)
 
 
@@ -152,7 +150,7 @@ class Spring:
 
 
 def speed_after(*law):
-    start = given(Spring(*law), 1.0, 0.1)
+    start = start_of(Spring(*law), 1.0, 0.1)
     return flow(0.5, 0, jnp.asarray(True), start, AT_START).now.velocity[0]
 
 
@@ -180,7 +178,7 @@ def test_laws_of_two_classes_with_equal_numbers_have_programs_of_their_own():
     """A block meets one at unit speed, and turns where the work is its energy."""
     deepest = jax.jit(lambda start: flow(1.0, 0, jnp.asarray(True), start, AT_START).log.farthest)
     laws = Hardening(40.0, 30.0), Softening(40.0, 30.0)
-    x = np.array([float(deepest(given(law, 1.0, 0.0))[0]) for law in laws])
+    x = np.array([float(deepest(start_of(law, 1.0, 0.0))[0]) for law in laws])
     work = 20 * x**2 * [1 + 15 * x[0] ** 2, np.log(1 + 30 * x[1] ** 2) / (30 * x[1] ** 2)]
     np.testing.assert_allclose(work, 0.5, rtol=1e-4)
 
@@ -228,12 +226,12 @@ def test_a_flow_is_the_same_as_one_kernel_and_not(monkeypatch):
 
 
 def test_too_many_events_are_not_a_silent_result():
-    out = collided()(given(jp.KelvinVoigt(1e16, 0.999999), 1.0, 0.01, pull=1e6))
+    out = collided()(start_of(jp.KelvinVoigt(1e16, 0.999999), 1.0, 0.01, pull=1e6))
     assert np.isnan(out.closing).all()
 
 
 def test_a_flow_that_fails_before_any_touch_is_not_one_without_contact():
-    out = collided()(given(jp.KelvinVoigt(1000.0, 0.65), 0.1, 10.0, pull=np.nan))
+    out = collided()(start_of(jp.KelvinVoigt(1000.0, 0.65), 0.1, 10.0, pull=np.nan))
     assert np.isnan([out.closing, out.log.touched]).all()  # or the step would go on with the latter
 
 
@@ -244,9 +242,9 @@ def test_lanes_of_a_batch_are_followed_as_they_are_alone():
     law = jp.KelvinVoigt(1000.0, 0.65)
 
     def run(speed, need):
-        return flow(0.5, SLOTS, need, given(law, speed, 0.1), AT_START).velocity[0]
+        return flow(0.5, SLOTS, need, start_of(law, speed, 0.1), AT_START).velocity[0]
 
     many = jax.jit(jax.vmap(run))(speeds, needed)
-    alone = [float(collided()(given(law, s, 0.1)).velocity[0]) for s in speeds]
+    alone = [float(collided()(start_of(law, s, 0.1)).velocity[0]) for s in speeds]
     np.testing.assert_allclose(many[needed], np.array(alone)[needed], rtol=1e-12)
     assert (many[~needed] == 0).all()
