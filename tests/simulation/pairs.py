@@ -112,10 +112,7 @@ _growth = jax.jit(lambda system, ground: jp.growth(system, ground, GRID))
 
 
 def run(systems, grounds):
-    """Responses over ``GRID``, of a batch of any size.
-
-    A program is for a given number of lanes and of wavelets; lanes to spare stay at rest.
-    """
+    """Responses over ``GRID``, by a program for so many lanes and wavelets; spare lanes rest."""
     grounds = [padded(ground) for ground in grounds]
     spare = -len(systems) % LANES
     systems = [*systems, *[systems[0]] * spare]

@@ -70,13 +70,14 @@ def test_batches_of_nearly_as_many_runs_share_a_program():
             np.testing.assert_array_equal(result, results[-1][:n])  # to the last bit
             np.testing.assert_allclose(result, np.sqrt(a[:n]) + np.sin(a[:n]) / 3, rtol=1e-14)
     # Chunks are even: of many runs few are computed twice to fill the last one up.
+    seen = []
+
+    def twice(x):
+        jax.debug.callback(seen.append, x)
+        return 2 * x
+
     for n, most in ((512, 480), (481, 480), (1000, 96), (96, 96), (33, 480)):
-        seen = []
-
-        def twice(x, seen=seen):
-            jax.debug.callback(seen.append, x)
-            return 2 * x
-
+        seen.clear()
         assert (jp.in_chunks(twice, most)(np.arange(n)) == 2 * np.arange(n)).all()
         jax.effects_barrier()
         assert len(seen) <= max(1.15 * n, 64)

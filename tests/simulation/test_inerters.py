@@ -61,10 +61,7 @@ FREE = jp.TimeGrid(END / 120, 240)
 
 @cache
 def free_vibration(is_shared):
-    """A program for runs and their derivatives by the inertance between masses 0 and 2.
-
-    In a unit of time, so that one program takes steps of any length.
-    """
+    """A program, at any step, for runs and derivatives by the inertance of masses 0 and 2."""
     inertances = SHARED if is_shared else ALONE
 
     def positions(b, unit):
@@ -149,10 +146,8 @@ def test_an_inerter_to_the_ground_is_a_mass_that_the_ground_does_not_load():
 
 def test_inerters_in_a_group_that_slips_and_pounds():
     """Newton's equations hold in all steps without events, and the energy balance."""
-    links = (
-        jp.Link((0, 1), 0.03, 0.08, jp.Hertz(20.0), inerter=jp.Inerter(0.3)),
-        jp.Link((2, 0), 0.02, inerter=jp.Inerter(0.5)),
-    )
+    touching = jp.Link((0, 1), 0.03, 0.08, jp.Hertz(20.0), inerter=jp.Inerter(0.3))
+    links = touching, jp.Link((2, 0), 0.02, inerter=jp.Inerter(0.5))
     system = three(STEEL, (1.0, 0.7, 0.4), links)
     residuals, dt, grid = [], 0.02, jp.TimeGrid(0.04, 600)
     program = jax.jit(lambda unit: jp.simulate(*in_unit_of_time(unit, system, WAVE), grid))

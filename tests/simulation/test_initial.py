@@ -108,10 +108,7 @@ def struck(contact):
 
 @pytest.mark.parametrize(("contact", "within"), [(jp.Newton(0.6), 1e-4), (LAW, 1e-2)])
 def test_a_collision_of_two_equal_blocks(contact, within):
-    """The first swings at v; at the gap it gives the other (1 + e)/2 of its speed.
-
-    A pad that cannot pull lets go a little earlier, and faster, than its restitution says.
-    """
+    """The other gets (1 + e)/2 of the first's speed; a pad lets go a little earlier, and faster."""
     response = run(struck(contact), 0.02, (0.0, 0.0), (0.5, 0.0))
     impact, after, *_ = response.impacts()
     assert after.time > 2.5

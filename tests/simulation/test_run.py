@@ -92,10 +92,7 @@ def test_step_responses_of_order_one_against_the_inverse_laplace_transform():
 
 @LOOPED
 def test_den_hartog_s_oscillator_is_stuck_if_friction_exceeds_2():
-    """y = x1 − x2 of y'' + y + b sgn(y') = cos(r t) − 1: block 2 is too heavy to move.
-
-    Held still, the block feels |cos(r t) − 1| ≤ 2. Its steady motion: verification, "den_hartog".
-    """
+    """Of y'' + y + b sgn(y') = cos(r t) − 1, at most 2; its motion: verification, den_hartog."""
 
     @jax.jit
     def run(b):
@@ -181,8 +178,7 @@ def test_modal_history_stands_for_full_history_and_checkpoints_change_no_result(
         full, modal = paper_run(h, FULL), paper_run(h)
         assert max(furthest(full.x1, modal.x1), furthest(full.x2, modal.x2)) < 1e-6
     plain, checked = paper_run(0.02), paper_run(0.02, changed(RESOLVED, checkpoint=True))
-    np.testing.assert_allclose(plain.x1, checked.x1, atol=1e-13)
-    np.testing.assert_allclose(plain.gap, checked.gap, atol=1e-13)
+    np.testing.assert_allclose((plain.x1, plain.gap), (checked.x1, checked.gap), atol=1e-13)
 
 
 def smoothed_x1(width, dt):
@@ -333,9 +329,8 @@ def test_demand_is_the_simulation_s_and_its_intensity_that_of_the_ground():
         assert ("soft_min_gap" in scalars) == bool(options)
         for name, value in run.demand.scalars().items():
             assert float(scalars[name]) == pytest.approx(float(value), rel=1e-12), name
-        of_blocks = zip(
-            ("acceleration_1", "acceleration_2"), run.absolute_accelerations, strict=True
-        )
+        names = "acceleration_1", "acceleration_2"
+        of_blocks = zip(names, run.absolute_accelerations, strict=True)
         series = [(name, getattr(run, name)) for name in ("x1", "x2", "f1", "f2")]
         for name, values in (*series, *of_blocks):
             seen = float(np.abs(values).max())  # the grid may miss the top, by a little
@@ -426,7 +421,7 @@ def test_new_values_do_not_trace_again():
     assert simulation._demand._cache_size() == size + 1
 
 
-@IMPLAUSIBLE  # the steps are coarse
+@IMPLAUSIBLE
 def test_compiled_and_eager_runs_agree_and_float32_stays_float32_and_close():
     """A full history is the same in a longer run."""
     grid = jp.TimeGrid(0.2, 7)
@@ -436,8 +431,8 @@ def test_compiled_and_eager_runs_agree_and_float32_stays_float32_and_close():
         with jax.disable_jit():
             eager = jp.simulate(PAIR, WAVES, grid, scheme)
         assert np.abs(eager.slip_velocity).max() > 0
-        np.testing.assert_allclose(eager.x1, compiled.x1[:8], rtol=1e-10, atol=1e-14)
-        np.testing.assert_allclose(eager.gap, compiled.gap[:8], rtol=1e-10, atol=1e-14)
+        series = compiled.x1[:8], compiled.gap[:8]
+        np.testing.assert_allclose((eager.x1, eager.gap), series, rtol=1e-10, atol=1e-14)
     single = jp.simulate(*jax.tree.map(np.float32, (PAIR, WAVES)), jp.TimeGrid.until(20.0, 0.02))
     assert {leaf.dtype for leaf in jax.tree.leaves(single)} == {jnp.dtype("float32")}
     assert float(single.min_gap) == pytest.approx(float(paper_run(0.02).min_gap), abs=1e-3)
@@ -533,10 +528,10 @@ def test_the_stability_limit_is_where_stepping_starts_to_diverge(scheme, monkeyp
     stable = jp.TimeGrid(0.99 * limit, 2000)
     simulation.require_stable(structures, structures.system(), stable, scheme)  # raises nothing
     monkeypatch.setattr(rollout, "is_stable", lambda *_: True)
-    push, grid = jp.Ricker(0.01, 2.0, 1.0), jp.TimeGrid(limit, 2000)
-    below, above = (in_unit(x, structures, push, grid, scheme)[0].x2[-100:] for x in (0.99, 1.01))
-    assert np.abs(below).max() < 0.01
-    assert np.abs(above).max() > 1e6
+    case = structures, jp.Ricker(0.01, 2.0, 1.0), jp.TimeGrid(limit, 2000), scheme
+    below, above = (np.abs(in_unit(x, *case)[0].x2[-100:]).max() for x in (0.99, 1.01))
+    assert below < 0.01
+    assert above > 1e6
 
 
 def test_a_step_above_the_limit_is_refused_with_the_limit_in_its_unit():
@@ -606,10 +601,7 @@ def short_runs():
 @LOOPED
 @pytest.mark.parametrize("name", invalid)
 def test_a_traced_invalid_run_is_nan_in_every_result_and_derivative_and_says_so(name):
-    """Traced values cannot raise; of a batch only the invalid entry is NaN.
-
-    A derivative of zero would look like an optimum.
-    """
+    """Of a batch only the invalid entry is; a derivative of zero would look like an optimum."""
     runs, slope = short_runs()
     # Structures that break a rule, and their derivative: traced, so that nothing raises.
     traced = jax.jit(lambda x: jax.jvp(invalid[name], (x,), (1.0,)))(0.05)

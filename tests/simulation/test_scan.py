@@ -1,4 +1,4 @@
-"""The loop over time by itself: however its steps are laid out, they are the same steps."""
+"""The loop over time by itself: what it starts from, and its steps however they are laid out."""
 
 from functools import partial
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.simulation.rollout import _differentiated_with
 from jaxpound.simulation.scan import scan_with_history
 
 ORDERS = (0.3, 0.8)
@@ -37,3 +38,19 @@ def test_every_layout_takes_the_same_steps(n, history):
     assert end == carries[-1]
     for layout in ({"looped": True}, {"looped": True, "segmented": True}, {"checkpoint": True}):
         np.testing.assert_allclose(run(inputs, history, **layout)[1][0], carries, rtol=1e-12)
+
+
+def test_a_derivative_of_zero_stays_zero_in_both_modes():
+    """Where what follows has an infinite derivative too, and by arrays without numbers."""
+    zero, empty = jnp.zeros(()), jnp.zeros(0)
+
+    def diverging(numbers):
+        return jnp.inf * _differentiated_with(zero, numbers)
+
+    by_number, by_array = jax.grad(diverging)((3.0, empty))
+    assert by_number == 0
+    assert by_array.shape == (0,)
+    value, slope = jax.jvp(lambda x: _differentiated_with(zero, (2.0, x)), (empty,), (empty,))
+    assert value == slope == 0
+    slopes = jax.vmap(jax.grad(lambda x: _differentiated_with(zero, x)))(jnp.ones(3))
+    assert (slopes == 0).all()

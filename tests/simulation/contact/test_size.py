@@ -7,14 +7,9 @@ import pytest
 import jaxpound as jp
 from tests.simulation.pairs import GRID
 
-PAIR = jax.tree.map(
-    jnp.asarray,
-    jp.AdjacentStructures(
-        *(jp.ZenerRod(0.5, 0.05, 0.2), jp.ZenerRod(0.5, 0.05, 0.3)),
-        *(0.8, 1.7, 0.1, 0.2),
-        contact=jp.KelvinVoigt(400.0, 0.65),
-    ),
-)
+RODS = jp.ZenerRod(0.5, 0.05, 0.2), jp.ZenerRod(0.5, 0.05, 0.3)
+NUMBERS = jp.AdjacentStructures(*RODS, 0.8, 1.7, 0.1, 0.2, contact=jp.KelvinVoigt(400.0, 0.65))
+PAIR = jax.tree.map(jnp.asarray, NUMBERS)
 BATCH = jax.tree.map(lambda x: jnp.stack([x] * 64), PAIR)
 
 
@@ -22,15 +17,12 @@ def smallest_gap(structures):
     return jp.demand(structures, jp.paper.ground(), GRID).min_gap
 
 
-@pytest.mark.parametrize(
-    ("function", "structures", "most"),
-    [
-        (smallest_gap, PAIR, 4600),
-        (jax.value_and_grad(smallest_gap), PAIR, 11_000),
-        (jax.vmap(jax.value_and_grad(smallest_gap)), BATCH, 12_000),
-    ],
-    ids=["value", "value and gradient", "batch"],
-)
+GRADIENT = jax.value_and_grad(smallest_gap)
+PROGRAMS = {"value": (smallest_gap, PAIR, 4600), "value and gradient": (GRADIENT, PAIR, 11_000)}
+PROGRAMS["batch"] = jax.vmap(GRADIENT), BATCH, 12_000
+
+
+@pytest.mark.parametrize(("function", "structures", "most"), PROGRAMS.values(), ids=PROGRAMS)
 def test_instructions_of_a_pair_that_pounds(function, structures, most):
     """Operations of the lowered program; before events were a table the gradient had 17,265."""
     program = jax.jit(function).lower(structures).as_text()
