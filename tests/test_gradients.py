@@ -69,10 +69,8 @@ def in_lanes(function):
     return over
 
 
-@cache
-def value(scheme, grid):
-    """From a case to its scalars."""
-    return in_lanes(lambda x: scalars(x, scheme, grid))
+VALUES = in_lanes(lambda x: scalars(x, SCHEME, GRID))
+"""From cases to their scalars."""
 
 
 @cache
@@ -101,9 +99,8 @@ def jacobian(x):
 def corners():
     """Every combination of what vanishes, locks or coincides: 72 cases."""
     s, ways = jp.paper.structures(), (False, True)
-    for mu, order, elastic, equal, shaking in product(
-        (0.25, 0.0, 10.0), (None, 1.0), ways, ways, (1.0, 1e-12, 0.0)
-    ):
+    combinations = product((0.25, 0.0, 10.0), (None, 1.0), ways, ways, (1.0, 1e-12, 0.0))
+    for mu, order, elastic, equal, shaking in combinations:
         rods = [
             jp.ZenerRod(order or rod.order, rod.tau_f, rod.tau_f if elastic else rod.tau_x)
             for rod in (s.rod_1, s.rod_1 if equal else s.rod_2)
@@ -197,15 +194,15 @@ def test_derivatives_against_differences(structures, ground):
     """At one time step a scalar is piecewise smooth: pieces end where an event changes its step.
 
     Differences over 3e-7 of each input seldom reach a piece's end, and rounding costs them 1e-8.
-    Where a record's kinks lie on the grid, curvature jumps: the error goes with the difference, and
-    a second one, half as long, removes it. What is left was at most 5e-7 in 300 cases, a third of
-    them of round numbers. A bend, slopes to either side apart by 1e-4, is a corner or a jump: 44 of
-    479,700, at most 1 % of a case. All this in units of the scalar's value and steepest slope.
+    Where a record's kinks lie on the grid, a second difference, half as long, removes the error of
+    the first. What is left was at most 5e-7 in 300 cases. A bend, slopes to either side apart by
+    1e-4, is a corner or a jump: 44 of 479,700, at most 1 % of a case. All this in units of the
+    scalar's value and steepest slope.
     """
     x, step = vector(structures, ground), 3e-7
     y, slopes = jacobian(x)
     moves = [x + part * step * np.diag(size(x)) for part in (1, -1, 0.5, -0.5)]
-    ends = value(SCHEME, GRID)(np.concatenate(moves)).reshape(4, x.size, y.size)
+    ends = VALUES(np.concatenate(moves)).reshape(4, x.size, y.size)
     up, down, half_up, half_down = (ends - y) / step
     scale = np.abs(slopes).max(axis=1) + np.abs(y) + 1e-3
     bend = np.abs(up + down) / scale
@@ -290,10 +287,7 @@ def test_smoothed_friction_s_gradient_tends_to_that_of_coulomb_s_law():
 
 
 def test_checkpoints_save_the_memory_of_reverse_mode_and_change_no_derivative():
-    """Temporary memory of the compiled gradient: states of about √N instants in place of N.
-
-    Derivatives through stick and slip: the test of single gradients.
-    """
+    """Temporary memory of the compiled gradient: states of about √N instants in place of N."""
     rod = jp.Rod(jp.paper.structures().rod_2, 1.0, (0, jp.GROUND))
     block = jp.System((1.0,), (rod,))
     grid, memory, slopes = jp.TimeGrid(0.00125, 16_000), [], []

@@ -112,10 +112,7 @@ def test_modal_weights_and_their_slopes_keep_the_tolerance_at_every_order(n):
 
 
 def test_the_modal_history_s_error_is_smooth_in_time_and_peaks_have_slopes_without_a_floor():
-    """A kernel that is the same at every step: no sawtooth, however close one looks.
-
-    Second differences of the force place a peak's vertex: no blocks of history must show there.
-    """
+    """Second differences of the force place a peak's vertex: no blocks of history show there."""
     h, x = 0.0025, np.sin(np.linspace(0, 7, 2001)) ** 2
     rod = jp.ZenerRod(0.95, 0.001, 0.9)
     modal, full = (np.asarray(rod_force(rod, x, h, history=kind)) for kind in (MODAL, FULL))

@@ -41,16 +41,11 @@ def exact(building, fine=0.005):
     return linear.positions(building.system(), np.asarray(samples), fine, round(0.2 / fine)).T
 
 
-@pytest.mark.parametrize(
-    ("n", "materials"),
-    [
-        (5, (STEEL, RUBBER, SOFT)),
-        (12, (STEEL, RUBBER)),
-        (12, (jp.ZenerRod(1.0, 0.05, 0.1),)),
-        (3, None),
-    ],
-    ids=["5", "12", "12 Zener", "dampers without friction"],
-)
+TOWERS = {"5": (5, (STEEL, RUBBER, SOFT)), "12": (12, (STEEL, RUBBER))}
+TOWERS |= {"12 Zener": (12, (jp.ZenerRod(1.0, 0.05, 0.1),)), "dampers without friction": (3, None)}
+
+
+@pytest.mark.parametrize(("n", "materials"), TOWERS.values(), ids=TOWERS)
 def test_storeys_are_those_of_the_relaxation_spectrum(n, materials):
     """Rods of other orders in one building, against the matrix exponential of their spectra."""
     if materials is None:
@@ -135,13 +130,11 @@ def test_derivatives_of_towers_that_collide_are_of_second_order(lower, upper):
 def mirrored(row):
     """The same row seen from behind."""
     last = len(row.buildings) - 1
-    links = [
-        dataclasses.replace(
-            link, building=last - link.other_building, floor=link.other_floor, next_floor=link.floor
-        )
-        for link in row.links
-    ]
-    return jp.Row(row.buildings[::-1], tuple(links[::-1]))
+    links = []
+    for link in row.links[::-1]:
+        floors = {"floor": link.other_floor, "next_floor": link.floor}
+        links.append(dataclasses.replace(link, building=last - link.other_building, **floors))
+    return jp.Row(row.buildings[::-1], tuple(links))
 
 
 def long_run(row, ground=GROUND, unit=1.0):
@@ -200,10 +193,8 @@ def test_equal_buildings_never_touch():
 def test_a_brace_is_a_damper_between_the_floors_of_a_building():
     """It slips by the drift of its storey, and a damper to the ground by the floor's own motion."""
     tall = tower(2, (STEEL,), 12.0)
-    links = (
-        jp.FloorLink(0, 1, friction=0.3, next_building=0),
-        jp.FloorLink(0, 0, friction=0.2, next_building=jp.GROUND),
-    )
+    damper = jp.FloorLink(0, 0, friction=0.2, next_building=jp.GROUND)
+    links = jp.FloorLink(0, 1, friction=0.3, next_building=0), damper
     row = jp.Row((tall,), links)
     assert [link.ends for link in row.system().links] == [(1, 0), (0, jp.GROUND)]
     run = jp.simulate(row, GROUND, GRID)
