@@ -43,10 +43,9 @@ def system_of(case):
     system = case["system"]
     if "parameters" in case:
         return pair_of(numbers(case), law_of(system["links"][0]))
-    rods = tuple(
-        jp.Rod(jp.ZenerRod(x["order"], x["tf"], x["tx"]), x["K"], (x["b"], x["a"]))
-        for x in system["rods"]
-    )
+    materials = [jp.ZenerRod(x["order"], x["tf"], x["tx"]) for x in system["rods"]]
+    ends = [(x["K"], (x["b"], x["a"])) for x in system["rods"]]
+    rods = tuple(jp.Rod(law, *held) for law, held in zip(materials, ends, strict=True))
     links = (jp.Link((x["a"], x["b"]), x["mu"], x["gap0"], law_of(x)) for x in system["links"])
     return jp.System(tuple(system["m"]), rods, tuple(links))
 
@@ -124,10 +123,7 @@ def check(case, response, dt, times=3e-4, speeds=1.5e-3):
 
 @pytest.mark.parametrize("name", CASES)
 def test_runs_are_those_of_the_reference(name):
-    """Pairs, and groups: links that share masses, stuck at once or in contact, and Newton's rest.
-
-    After many impacts of a group their times and speeds depend strongly on all before.
-    """
+    """After many impacts of a group their times and speeds depend strongly on all before."""
     within = {"times": 8e-3, "speeds": 8e-3} if name in GROUPS else {}
     check(CASES[name], *shared_run(name), **within)
 
@@ -146,11 +142,7 @@ def moved(system, name, by):
 
 
 def derivatives_of_groups(cases, grid):
-    """Of peaks and ends by all parameters at the step of ``grid``, and those of the reference.
-
-    Of each case an array (parameters, results), and the run; cases of one kind of law share a
-    program.
-    """
+    """Of peaks and ends by all parameters: ours, the reference's, and the run, of each case."""
     names, of = [*cases[0]["derivatives"]], cases[0]["derivatives_of"]
     peak = "peak_contact" if of[0] == "peak_force[0]" else "peak_impulse"
 
@@ -211,11 +203,7 @@ class PairRun(NamedTuple):
 
 @functools.cache
 def program_of_pairs(laws):
-    """Derivatives of the results of a pair by its numbers, the results, and the run.
-
-    One program takes all pairs of these laws, each in a unit of time in which its step is that of
-    ``GRID``.
-    """
+    """Derivatives of a pair's results by its numbers, the results, and the run, at any step."""
     peak, power = ("peak_impulse", 1) if laws == ("newton",) else ("peak_contact", 2)
 
     def outputs(by, which, unit, ground):
@@ -274,8 +262,7 @@ def test_derivatives_of_pairs_are_those_of_the_reference(laws):
 
 
 def test_derivatives_converge_at_second_order():
-    """Of the end at every halving of the step; of the force, whose peak a step of .02 has only
-    three instants for, over all of them."""
+    """Of the end at every halving; of the force, of whose peak .02 has three instants, over all."""
     fields = ("gap0", "mu", "e", "k", "rho", "eps", "tfa", "txa", "al")
     errors = []
     for step in STEPS:  # to the finest
@@ -341,5 +328,5 @@ def test_smoothed_friction_and_second_derivatives_are_refused():
     def by_gap(gap):
         return jp.demand(struck(gap), jp.paper.ground(), SHORT, only=("peak_x1",)).peak_x1
 
-    with pytest.raises(NotImplementedError, match="second derivatives"):
+    with pytest.raises(NotImplementedError, match="second derivatives of a run with contact"):
         jax.jacfwd(jax.grad(by_gap))(0.3)

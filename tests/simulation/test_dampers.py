@@ -60,10 +60,8 @@ def test_a_linear_dashpot_beside_a_spring_is_a_zener_rod():
     spring, brace, dashpot = 4.0, 50.0, 0.8
     base, grid = (0, jp.GROUND), jp.TimeGrid(0.01, 1000)
     tau = dashpot / brace
-    rods = (
-        jp.Rod(jp.ZenerRod(1.0, 0.01, 0.01), spring, base),
-        jp.Rod(jp.PowerLaw(dashpot / 2, 1.0, velocity=0.5), brace, base),
-    )
+    damper = jp.Rod(jp.PowerLaw(dashpot / 2, 1.0, velocity=0.5), brace, base)
+    rods = jp.Rod(jp.ZenerRod(1.0, 0.01, 0.01), spring, base), damper
     zener = jp.Rod(jp.ZenerRod(1.0, tau, tau * (1 + brace / spring)), spring, base)
     ours, exact = (jp.simulate(jp.System((1.0,), x), GROUND, grid) for x in (rods, (zener,)))
     x, force = exact.x1, exact.f1
@@ -88,10 +86,8 @@ def test_reverse_mode_is_forward_mode_and_a_batch_is_a_loop():
 
     def value(numbers):
         force, exponent, brace, friction, increase, velocity = numbers
-        rods = (
-            jp.Rod(jp.ZenerRod(1.0, 0.05, 0.2), 1.5, base),
-            jp.Rod(jp.PowerLaw(force, exponent), brace, base),
-        )
+        damper = jp.Rod(jp.PowerLaw(force, exponent), brace, base)
+        rods = jp.Rod(jp.ZenerRod(1.0, 0.05, 0.2), 1.5, base), damper
         link = jp.Link(base, friction, velocity_friction=jp.VelocityFriction(increase, velocity))
         demand = jp.demand(jp.System((1.0,), rods, (link,)), GROUND, grid, only=only)
         return demand.peak_x1 + demand.friction_work + demand.dissipated_energy_2

@@ -81,10 +81,7 @@ def test_growth_and_horizon_are_those_of_the_runs_of_neighbouring_gaps(sensitive
 
 
 def test_growth_and_errors_are_those_of_an_independent_reference(sensitive):
-    """The growth as long as the run itself is the reference's, to .02.
-
-    Errors grow from the scheme's own, of a few 1e-4, until nothing is left of the trajectory.
-    """
+    """The growth as long as the run is the reference's, to .02; errors until nothing is left."""
     for name, (grown, (response, wider, narrower)) in sensitive.items():
         places, x, expected = instants(name)
         errors = np.abs(state(response)[:2, places] - x).max(0)
@@ -97,14 +94,9 @@ def test_growth_and_errors_are_those_of_an_independent_reference(sensitive):
         assert errors.max() > 0.1
 
 
-LAW = jp.Newton(0.6)
-ROW = jp.Buildings(
-    (LEFT, RIGHT),
-    (
-        jp.FloorLink(0, 0, gap=0.02, contact=LAW),
-        jp.FloorLink(1, 0, next_building=jp.GROUND, gap=0.02, contact=LAW),
-    ),
-)
+HIT = {"gap": 0.02, "contact": jp.Newton(0.6)}
+LINKS = jp.FloorLink(0, 0, **HIT), jp.FloorLink(1, 0, next_building=jp.GROUND, **HIT)
+ROW = jp.Buildings((LEFT, RIGHT), LINKS)
 
 
 def test_of_several_links_it_is_the_largest_singular_value_in_si_too():

@@ -91,9 +91,8 @@ def test_steps_are_mirrored_continuous_and_of_no_width_stick_where_coulomb_s_law
     holds = abs(case["a"]) <= (1 + case["rho"]) * case["mu"]
     assert holds == (abs(slip.velocity) < 1e-12)
     name = ("w", "a", "a_last", "mu")[which]
-    start, end = (
-        slide(jp.EventResolved(), **{**case, name: case[name] + change}) for change in (0.0, 1e-7)
-    )
+    near = case | {name: case[name] + 1e-7}
+    start, end = (slide(jp.EventResolved(), **inputs) for inputs in (case, near))
     assert abs(end.velocity - start.velocity) < 1e-5
 
 
@@ -111,9 +110,8 @@ def test_derivatives_are_finite_in_every_case_and_those_of_the_velocity_central_
     slopes = {name: slope[0] for name, slope in jacobians(law, case)[0].items()}
     # In stick w is the constant 0, and has no derivative.
     for name in ("a", "a_last", "mu") + (("w",) if case["w"] else ()):
-        low, middle, high = (
-            float(slide(law, **{**case, name: case[name] + d}).velocity) for d in (-1e-6, 0, 1e-6)
-        )
+        around = (case | {name: case[name] + change} for change in (-1e-6, 0, 1e-6))
+        low, middle, high = (float(slide(law, **inputs).velocity) for inputs in around)
         if abs(high - 2 * middle + low) < 1e-9:  # not at a kink
             assert slopes[name] == pytest.approx((high - low) / 2e-6, abs=2e-3), name
 

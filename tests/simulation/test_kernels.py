@@ -48,17 +48,16 @@ def test_a_batch_is_none():
     np.testing.assert_allclose(slopes, 0.5 / np.sqrt(x), rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "function",
-    [
-        jnp.sort,
-        lambda x: jnp.outer(x, x) @ x,
-        lambda x: jnp.broadcast_to(x, (50, x.size)).sum() + x,
-        lambda x: x.at[jnp.argmax(x)].set(0.0),
-        lambda x: jax.lax.dynamic_index_in_dim(TABLE, x[0].astype(int), keepdims=False) + x,
-    ],
-    ids=["sort", "product of matrices", "long sum", "scatter", "table"],
-)
+OTHERS = {
+    "sort": jnp.sort,
+    "product of matrices": lambda x: jnp.outer(x, x) @ x,
+    "long sum": lambda x: jnp.broadcast_to(x, (50, x.size)).sum() + x,
+    "scatter": lambda x: x.at[jnp.argmax(x)].set(0.0),
+    "table": lambda x: jax.lax.dynamic_index_in_dim(TABLE, x[0].astype(int), keepdims=False) + x,
+}
+
+
+@pytest.mark.parametrize("function", OTHERS.values(), ids=OTHERS)
 def test_what_xla_has_no_place_for_in_a_kernel_is_not_one(function):
     x = jnp.asarray([2.0, 1.0, 3.0])
     program = jax.jit(lambda x: as_kernel(function, x)).lower(x)
@@ -74,9 +73,8 @@ class Sorted:
     stiffness: float
 
     def force(self, penetration, speed, touch_speed):
-        return (
-            self.stiffness * jnp.sort(jnp.stack([penetration, 0 * penetration])) @ jnp.arange(2.0)
-        )
+        values = jnp.sort(jnp.stack([penetration, 0 * penetration]))
+        return self.stiffness * values @ jnp.arange(2.0)
 
 
 @jax.tree_util.register_dataclass
