@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import io
+import itertools
 import json
 import re
 from pathlib import Path
@@ -12,7 +13,10 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+import jaxpound as jp
 from jaxpound.cli import main as cli
+from jaxpound.cli.reading import File
+from jaxpound.cli.simulate import Simulation, shaking
 from tests.cli.described import compare_folder
 
 # A pulse of 0.6 s, then rest: 101 samples at .02 s.
@@ -42,6 +46,22 @@ def is_figure(path: Path) -> bool:
     return (width, height) == ((2124, 2336) if path.stem == "overview" else (1062, 708))
 
 
+def layout_of(text: str, name: str = "row.toml"):
+    """Buildings and their links as a configuration has them."""
+    return File(name, text).read(Simulation).layout
+
+
+def simulated(text: str, record: Path, folder: Path):
+    """A run of a row: the screen, the folder, the layout, and its response by the API."""
+    path, out = folder / "row.toml", folder / "out"
+    path.write_text(text)
+    screen = run("simulate", "--record", record, "--config", path, "--out", out)
+    given = File("row.toml", text).read(Simulation)
+    ground = shaking(File("row.toml", text), given.ground, jp.read_record(record))
+    buildings, links = given.layout.si.buildings, given.layout.si.links
+    return screen, out, given.layout, jp.simulate_row(buildings, links, ground, duration=1.6)
+
+
 def summary(folder: Path) -> dict:
     return json.loads((folder / "summary.json").read_text())
 
@@ -58,11 +78,11 @@ def faults(lines: str) -> list[list[str]]:
 
 
 def changed(text: str, changes: str) -> str:
-    """A configuration with lines replaced, between &; ; parts the new lines.
+    """A configuration with lines replaced, between &, in any white space; ; parts the new lines.
 
     ``key = value`` replaces the line of the key, ``a -> b`` the line that begins with a.
     """
-    for change in filter(None, changes.split(" & ")):
+    for change in filter(None, re.sub(r"\s*\n\s*", " ", changes).split(" & ")):
         old, _, new = change.replace(" ; ", "\n").rpartition(" -> ")
         new = new.removeprefix("nothing")
         key = re.escape(re.match(r'\[\w+\]|[\w".*-]*', new)[0])
@@ -79,8 +99,13 @@ def command_for(name: str, config: Path, record: Path, out: Path) -> list[object
 
 
 def refusal(capsys, *arguments: object) -> str:
-    """The one line on stderr of a command that must fail."""
-    assert cli.main([str(argument) for argument in arguments]) == 2
+    """The one line on stderr of a command that must fail, and make no folder."""
+    words = [str(argument) for argument in arguments]
+    options = itertools.pairwise(words)
+    folders = [Path(word) for option, word in options if option in ("--out", "--store") and word]
+    there = [folder.exists() for folder in folders]
+    assert cli.main(words) == 2
+    assert [folder.exists() for folder in folders] == there
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("jaxpound: error: ")
@@ -90,16 +115,14 @@ def refusal(capsys, *arguments: object) -> str:
 
 def tables(page):
     """Every table of a page, as rows of cells by the header's names."""
-    found, rows = [], []
-    for line in [*page.splitlines(), ""]:
-        if line.startswith("| "):
-            rows.append([cell.strip() for cell in line.strip("|").split(" | ")])
-        elif rows:
-            header, rule, *body = rows
-            assert set(rule) == {"---"}
-            found.append([dict(zip(header, row, strict=True)) for row in body])
-            rows = []
-    return found
+    every = []
+    for table in re.findall(r"(?m)(?:^\| .*\n?)+", page):
+        lines = table.splitlines()
+        cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+        header, rule, *body = cells
+        assert set(rule) == {"---"}
+        every.append([dict(zip(header, row, strict=True)) for row in body])
+    return every
 
 
 def page_of(folder: Path) -> str:
@@ -112,6 +135,3 @@ def page_of(folder: Path) -> str:
 
 def number(cell):
     return float(cell.replace(",", ""))
-
-
-UNRESOLVED = "ground: 100% of the {} earthquakes looked at are not resolved; of one, the "

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import jaxpound as jp
 from jaxpound.cli import structures
 from jaxpound.cli.files import example
 from tests.cli.commands import PULSE, changed, run, unrendered
@@ -21,6 +22,16 @@ def without_pictures():
     """For tests of commands whose figures other tests look at."""
     with unrendered():
         yield
+
+
+@pytest.fixture
+def without_elasticities(monkeypatch):
+    """As where the demand is zero; the gradient by all of a row's numbers takes long to compile."""
+
+    def refuse(*_, **__):
+        raise ValueError("elasticities: the demand is zero")
+
+    monkeypatch.setattr(jp, "elasticities", refuse)
 
 
 @pytest.fixture(scope="module")

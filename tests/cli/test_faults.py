@@ -294,6 +294,5 @@ def test_a_faulty_configuration(command, changes, says, pulse, tmp_path, capsys)
     assert line.startswith(f"jaxpound: error: {path}:")
     assert says in line
     assert line.count(path.name) == 1
-    assert not out.exists()
     if len(changes) > 5000:
         assert len(line) < 200 + len(str(path))

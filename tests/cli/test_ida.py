@@ -49,7 +49,7 @@ def done(folder):
 
 
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
-def test_the_capacities_are_the_library_s(done, folder):
+def test_the_capacities_are_the_library_s_and_all_is_written(done, folder):
     screen, out = done
     left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
     right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
@@ -68,25 +68,7 @@ def test_the_capacities_are_the_library_s(done, folder):
     assert answers["fragility"]["median"] == pytest.approx(curve.median)
     assert answers["target"]["at_bound"] == list(scaled.at_bound) == ["fast"]
     np.testing.assert_allclose(answers["fractiles"]["0.5"], np.median(found.demands, axis=0))
-
-
-@pytest.mark.usefixtures("without_pictures")
-@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
-def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
-    out, store = folder / "again", folder / "store"
-    arguments = ["ida", folder / "ida.toml", "--out", out, "--store", store]
-    stopped(monkeypatch, 1, lambda: run(*arguments), "demands", SuiteRuns)
-    assert any(store.glob("chunk-*.npz"))
-    told = describe_kept(argparse.Namespace(command="ida", store=store, out=out))
-    assert told.startswith(f"finished runs are kept in {store}, and the same command")
-    for _ in range(2):  # the second time from the files alone
-        assert run(*arguments) == done[0].replace(str(done[1]), str(out))
-        monkeypatch.setattr("jaxpound.hazard.suite_runs.in_chunks", lambda *_: None)
-    for name in ("capacities.csv", "curves.csv"):
-        assert (out / name).read_text() == (done[1] / name).read_text()
-
-
-def test_what_is_written(done):
+    answers = summary(out)
     _, out = done
     figures = {f"{name}.png" for name in ("ida", "fragility", "spectra")}
     told = {"summary.json", "summary.md", "capacities.csv", "curves.csv"}
@@ -104,6 +86,22 @@ def test_what_is_written(done):
     for row in of_scaling:
         assert number(row["factor"]) == pytest.approx(factors[row["record"]], rel=1e-3)
     assert number(of_curve[0]["value"]) == pytest.approx(answers["fragility"]["median"], rel=1e-3)
+
+
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
+def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
+    out, store = folder / "again", folder / "store"
+    arguments = ["ida", folder / "ida.toml", "--out", out, "--store", store]
+    stopped(monkeypatch, 1, lambda: run(*arguments), "demands", SuiteRuns)
+    assert any(store.glob("chunk-*.npz"))
+    told = describe_kept(argparse.Namespace(command="ida", store=store, out=out))
+    assert told.startswith(f"finished runs are kept in {store}, and the same command")
+    for _ in range(2):  # the second time from the files alone
+        assert run(*arguments) == done[0].replace(str(done[1]), str(out))
+        monkeypatch.setattr("jaxpound.hazard.suite_runs.in_chunks", lambda *_: None)
+    for name in ("capacities.csv", "curves.csv"):
+        assert (out / name).read_text() == (done[1] / name).read_text()
 
 
 def test_without_a_target_the_range_of_a_code_and_the_default_period(folder):
@@ -151,4 +149,3 @@ def test_wrong_input_is_named(changes, words, folder, capsys):
     line = refusal(capsys, "ida", folder / "wrong.toml", "--out", folder / "nothing")
     pattern = re.escape(words).replace(re.escape("..."), ".*")
     assert re.search(rf"wrong\.toml: {pattern}", line), line
-    assert not (folder / "nothing").exists()

@@ -17,11 +17,9 @@ import jaxpound as jp
 from jaxpound.cli.buildings import as_toml
 from jaxpound.cli.design import ObjectiveTable, priced
 from jaxpound.cli.parameters import Parameters, by_path
-from jaxpound.cli.reading import File
-from jaxpound.cli.simulate import Simulation
 from jaxpound.model.parameters import get
 from jaxpound.model.row import by_face
-from tests.cli.commands import run, summary
+from tests.cli.commands import csv_rows, layout_of, simulated, summary
 from tests.refusals import refusals, refused
 
 FRAME = jp.ShearBuilding.from_period(3, 3e5, 0.5, 0.03)
@@ -29,32 +27,18 @@ STOREYS = "[[building]]\nstoreys = {number = 3, mass = 3e5, period = 0.5, dampin
 PENDULUM = jp.FrictionPendulum(2.24, 0.05, fast_friction=0.08, rate=40.0)
 LAW = jp.KelvinVoigt(stiffness=2e9, restitution=0.7)
 CONTACT = "contact = {law = 'kelvin-voigt', stiffness = 2e9, restitution = 0.7}"
-ISOLATED = f"""{STOREYS}[building.isolation]
-type = "friction pendulum"
-base_mass = 3.5e5
-radius = 2.24
-friction = 0.05
-fast_friction = 0.08
-rate = 40
-wall = {{gap = [0.3, inf], {CONTACT}}}
-"""
+PENDULUMS = "isolation = {type = 'friction pendulum', base_mass = 3.5e5, radius = 2.24"
+RATE = "friction = 0.05, fast_friction = 0.08, rate = 40"
+ISOLATED = f"{STOREYS}{PENDULUMS}, {RATE}, wall = {{gap = [0.3, inf], {CONTACT}}}}}\n"
 LEAD = "isolation = {type = 'lead rubber', base_mass = 3.5e5, period = 2.5, strength = 0.05"
 DAMPER = jp.Rod(jp.PowerLaw(8e5, 0.3), 2e8)
 FAST = jp.VelocityFriction(1e4, 0.02)
+FASTER = "velocity_friction = {increase = 1e4, velocity = 0.02}"
 LINK = f"""[[link]]
-building = 1
-floor = 3
-next_floor = 2
-gap = [0.1, 0.2]
-friction_force = 2e4
+building = 1\nfloor = 3\nnext_floor = 2\ngap = [0.1, 0.2]\nfriction_force = 2e4
 damper = {{law = "power", force = 8e5, exponent = 0.3, stiffness = 2e8}}
-velocity_friction = {{increase = 1e4, velocity = 0.02}}
-{CONTACT}
+{FASTER}\n{CONTACT}
 """
-
-
-def layout_of(text):
-    return File("row.toml", text).read(Simulation).layout
 
 
 def isolated(bearing=PENDULUM, frame=FRAME, **options):
@@ -110,10 +94,7 @@ FORMS = {
     "two faces": (ISOLATED + STOREYS + LINK, of_two_faces()),
     "lead rubber": (STOREYS + LEAD_WALL, one(*lead_rubber())),
     "two laws": (f"{STOREYS}{YIELDS}law = 'bouc-wen'\n{LEAD_WALL}", one(*lead_rubber(SMOOTH))),
-    "elastic base": (
-        ISOLATED.replace("[building.is", f"{YIELDS}[building.is").partition("wall")[0],
-        one(*isolated(frame=WEAK)),
-    ),
+    "elastic base": (f"{STOREYS}{YIELDS}{PENDULUMS}, {RATE}}}", one(*isolated(frame=WEAK))),
     "number and height": (
         f"{STOREYS}{STOREYS}{LEAD_WALL.replace('0.3', '2').replace('wall', 'height = 1.5, wall')}",
         ((FRAME, lead_rubber(height=1.5)[0]), lead_rubber(gap=2.0, number=1)[1]),
@@ -139,8 +120,7 @@ FORMS = {
     ),
     "left face": (
         f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\nside = 'left'\n"
-        "gap = 0.1\nfriction_force = 1e4\n"
-        "velocity_friction = {increase = 1e4, velocity = 0.02}",
+        f"gap = 0.1\nfriction_force = 1e4\n{FASTER}",
         alone(),
     ),
 }
@@ -161,18 +141,15 @@ def test_a_file_is_the_library_s_buildings_and_is_written_back(form):
         assert [link.side for link in si.links] == [link.side for link in links]
 
 
-def test_a_design_may_have_a_budget_of_inertance():
+def test_a_damper_to_the_ground_is_written_as_one_and_inertance_may_have_a_budget():
+    ground = jp.FloorLink(0, 1, jp.GROUND, friction=2e4)
+    written = as_toml(jp.Buildings((FRAME, FRAME), (ground,)))
+    assert layout_of(written).si.system().topology.links == ((1, jp.GROUND),)
     layout = layout_of(FORMS["inerter"][0])
     objective = priced("design.toml", ObjectiveTable(), {"total_inertance": 5e5}, {}, layout)
     assert objective.limits["total_inertance"].at_most == 5e5
     words = r"\[limits\] total_inertance = -1 kg must be between"
     refused(words, priced, "design.toml", ObjectiveTable(), {"total_inertance": -1.0}, {}, layout)
-
-
-def test_a_damper_to_the_ground_by_its_other_floor_is_written_as_one():
-    ground = jp.FloorLink(0, 1, jp.GROUND, friction=2e4)
-    written = as_toml(jp.Buildings((FRAME, FRAME), (ground,)))
-    assert layout_of(written).si.system().topology.links == ((1, jp.GROUND),)
 
 
 def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
@@ -244,7 +221,6 @@ test_keys = refusals(
 RUN = "[run]\nfriction = 'switching'"
 GROUND = f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\n"
 PAIR = "gap = 0.1\n[building_1]\nmass = 4e5\nperiod = 1\ndamping_ratio = 0.05\n[building_1."
-PENDULUMS = "isolation = {type = 'friction pendulum', base_mass = 1e5, radius = 2.24"
 POWER = "damper = {law = 'power', force = 1, stiffness = 1e6"
 TWO = r"must be a number, or two, \[left, right\], of which one may be inf"
 test_links = refusals(
@@ -272,7 +248,7 @@ test_links = refusals(
 )
 test_bearings = refusals(
     ("isolation = {type = 'rubber', base_mass = 1e5}", 'type = "rubber" must be one of "frict'),
-    (f"{PENDULUMS.replace('base_mass = 1e5, ', '')}}}", "lacks the key 'base_mass'"),
+    (f"{PENDULUMS.replace('base_mass = 3.5e5, ', '')}}}", "lacks the key 'base_mass'"),
     (f"{PENDULUMS}}}", "lacks the key 'friction', which type = \"friction pendulum\" needs"),
     (f"{PENDULUMS}, friction = 0.1, period = 2}}", "period must not be given with type = "),
     (f"{PENDULUMS}, friction = 0.1, fast_friction = 0.05}}", "fast_friction = 0.05 must be at l"),
@@ -313,52 +289,32 @@ test_forms = refusals(
 
 SHORT = f"""[[building]]
 storeys = {{number = 1, mass = 3e5, period = 0.3, damping_ratio = 0.03}}
-[building.isolation]
-type = "friction pendulum"
-base_mass = 3.5e5
-radius = 2.24
-friction = 0.03
-wall = {{gap = [0.06, 0.08], {CONTACT}}}
+{PENDULUMS}, friction = 0.03, wall = {{gap = [0.06, 0.08], {CONTACT}}}}}
 [[link]]
-building = 1
-floor = 2
-next_building = 1
+building = 1\nfloor = 2\nnext_building = 1
 damper = {{law = "power", force = 4e5, exponent = 0.3, stiffness = 1e8}}
-[ground]
-scale = 1.0
 [run]
 duration = 1.6
 """
 
 
-@pytest.fixture(scope="module")
-def simulated(pulse, tmp_path_factory):
-    """A building on friction pendulums between walls, with a brace: screen, folder and demands."""
-    folder = tmp_path_factory.mktemp("isolated")
-    path, out = folder / "row.toml", folder / "out"
-    path.write_text(SHORT)
-    screen = run("simulate", "--record", pulse, "--config", path, "--out", out)
-    si, record = layout_of(SHORT).si, jp.read_record(pulse)
-    return screen, out, jp.simulate_row(si.buildings, si.links, record, duration=1.6).demand
-
-
-def test_a_run_says_what_bearings_walls_and_dampers_do(simulated):
-    screen, out, demand = simulated
+def test_a_run_says_and_draws_what_bearings_walls_and_dampers_do(pulse, tmp_path):
+    """A building on friction pendulums between walls, with a brace."""
+    screen, out, _, response = simulated(SHORT, pulse, tmp_path)
+    demand = response.demand
     results = summary(out)["results"]
     (building,) = results["buildings"]
     base = float(demand.masses[0].peak_x)
     assert building["isolation"]["displacement_m"] == base
-    assert building["isolation"]["restoring_period_s"] == pytest.approx(
-        2 * math.pi * math.sqrt(2.24 / 9.80665)
-    )
+    period = 2 * math.pi * math.sqrt(2.24 / 9.80665)
+    assert building["isolation"]["restoring_period_s"] == pytest.approx(period)
     ratio = 2 / math.pi * 0.03 / (0.03 + base / 2.24)
     assert building["isolation"]["damping_ratio"] == pytest.approx(ratio)
     assert building["peak_drift_m"] == float(demand.rods[1].peak_drift)  # not of the bearings
     brace, right, left = results["links"]
     assert (right["table"], brace["table"]) == (None, 1)
-    assert (right["between"], left["between"]) == tuple(
-        f"1–ground, floor 1, {side}" for side in ("right", "left")
-    )
+    between = [f"1–ground, floor 1, {side}" for side in ("right", "left")]
+    assert [right["between"], left["between"]] == between
     assert right["viscous_force_N"] is left["viscous_energy_J"] is None
     assert brace["viscous_force_N"] == float(demand.rods[2].peak_force) > 0
     assert brace["viscous_energy_J"] == float(demand.rods[2].dissipated_energy) > 0
@@ -374,13 +330,8 @@ def test_a_run_says_what_bearings_walls_and_dampers_do(simulated):
     numbers = [float(word) for word in words.groups()]
     assert numbers == pytest.approx([3.003, base, 100 * ratio], rel=1e-3)
     floors = [float(link["contact"]["peak_contact_N"]) for link in (left, right)]
-    with (out / "floors.csv").open() as file:
-        header, first = (line.strip().split(",") for line in file.readlines()[:2])
-    assert [float(first[header.index(f"contact_{x}_N")]) for x in ("left", "right")] == floors
-
-
-def test_bearings_walls_and_dampers_are_drawn(simulated):
-    _, out, _ = simulated
+    base, *_ = csv_rows(out / "floors.csv")
+    assert [float(base[f"contact_{side}_N"]) for side in ("left", "right")] == floors
     names = {path.stem for path in out.glob("*.png")}
     assert {"friction_force", "friction_hysteresis", "contact_force", "row"} <= names
     height, width, _ = imread(out / "row.png").shape

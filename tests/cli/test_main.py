@@ -16,6 +16,7 @@ from jaxpound.store.store import Store
 from tests.cli.commands import changed, refusal
 
 SIMULATE = ["simulate", "--record", "PULSE", "--out", "OUT"]
+STUDY = ["montecarlo", "STUDY", "--store", "OUT"]
 
 
 @pytest.mark.parametrize(
@@ -32,14 +33,17 @@ SIMULATE = ["simulate", "--record", "PULSE", "--out", "OUT"]
         ([*SIMULATE, "--dt", "0.1"], "dt = 0.1 must agree"),
         ([*SIMULATE, "--scale", "2"], "--scale"),
         (["paper", "--out", ""], "argument --out: must not be empty"),
-        (["montecarlo", "PULSE", "--store", "OUT", "--samples", "0"], "--samples: '0' must be"),
+        ([*STUDY, "--samples", "0"], "--samples: '0' must be"),
+        ([*STUDY, "--shard", "1-2"], "--shard: '1-2' must be I/N"),
+        ([*STUDY, "--shard", "3/2"], "'3/2' must be I/N with I from 1 to N"),
+        (["montecarlo", "none.toml", "--store", "OUT"], "none.toml: No such file"),
+        (["report", "--store", "none", "--out", "OUT"], "must be a folder with a manifest.json"),
     ],
 )
 def test_faulty_arguments(arguments, says, pulse, tmp_path, capsys):
-    out = tmp_path / "out"
-    places = {"OUT": out, "PULSE": pulse}
+    places = {"OUT": tmp_path / "out", "PULSE": pulse, "STUDY": tmp_path / "study.toml"}
+    places["STUDY"].write_text(example("montecarlo"))
     assert says in refusal(capsys, *(places.get(word, word) for word in arguments))
-    assert not out.exists()
 
 
 @pytest.mark.parametrize("command", ["paper", "simulate"])
@@ -79,8 +83,6 @@ def judge():
 atexit.register(judge)
 sys.exit(main())
 """
-
-
 ENDED = {"--help": 0, "design --help": 0, "--version": 0, "montecarlo --example-config": 0}
 
 

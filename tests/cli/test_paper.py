@@ -41,7 +41,7 @@ def test_reference_values_are_the_oracle_s():
     assert slopes == reference.gradient
 
 
-def test_paper_table_has_the_api_s_numbers_and_every_phase_change(paper_run):
+def test_paper_table_has_the_api_s_numbers_every_phase_change_and_the_paper_s_scheme(paper_run):
     screen, _ = paper_run
     response, known = jp.simulate(*CASE), jp.paper.reference()
     value, reference, difference = row(screen, "min of x2 - x1")
@@ -66,9 +66,6 @@ def test_paper_table_has_the_api_s_numbers_and_every_phase_change(paper_run):
         assert start == pytest.approx(phase.start, abs=1e-8)
         assert reference == pytest.approx(time, abs=1e-8)
         assert abs(difference) < 1e-4
-
-
-def test_paper_table_has_the_paper_s_own_scheme_and_its_error(paper_run):
     value, reference, difference = row(paper_run[0], "min by the paper's scheme")
     demand = jp.demand(*CASE, jp.Scheme(jp.Switching(), order=1, start="paper"))
     assert value == pytest.approx(float(demand.min_gap) - 1, abs=1e-6)
@@ -76,15 +73,12 @@ def test_paper_table_has_the_paper_s_own_scheme_and_its_error(paper_run):
     assert value - reference == pytest.approx(difference, rel=0.02)
 
 
-def test_paper_writes_its_six_figures_and_prints_their_paths(paper_run):
+def test_paper_prints_its_six_figures_and_a_dash_for_a_phase_too_many_or_few(paper_run):
     screen, out = paper_run
     shown = ("ground_motion", "displacements", "velocities", "gap", "friction_force", "rod_forces")
     names = [f"{name}.png" for name in shown]
     assert {path.name for path in out.iterdir()} == {*names, "overview.png"}
     assert screen.splitlines()[-7:] == [str(out / name) for name in ("overview.png", *names)]
     assert all(is_figure(path) for path in out.iterdir())
-
-
-def test_a_phase_too_many_or_too_few_shows_as_a_dash():
     assert paper.row("stick from t", None, 1.5) == ("stick from t", "-", "1.50000000", "-")
     assert paper.row("stick from t", 1.5, None) == ("stick from t", "1.50000000", "-", "-")

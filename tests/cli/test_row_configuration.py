@@ -5,9 +5,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.cli.files import example
-from jaxpound.cli.reading import File
-from jaxpound.cli.simulate import Simulation
-from tests.cli.commands import changed, faults, refusal
+from tests.cli.commands import changed, faults, layout_of, refusal
 
 EXAMPLE = example("simulate", "row")
 THREE = """
@@ -20,19 +18,11 @@ storeys = {number = 2, mass = 2e5, period = 0.2, damping_ratio = 0.05, height = 
 """
 
 
-def read(text):
-    return File("row.toml", text).read(Simulation)
-
-
-def layout_of(links, buildings=THREE):
-    return read(buildings + links).layout
-
-
 # --- what a file becomes ------------------------------------------------------------------------
 
 
 def test_the_example_is_the_library_s_row():
-    layout = read(EXAMPLE).layout
+    layout = layout_of(EXAMPLE)
     masses, stiffnesses = [250e3, 250e3, 200e3], [150e6, 130e6, 100e6]
     buildings = (
         jp.ShearBuilding.from_period(2, 200e3, 0.25, 0.05),
@@ -67,27 +57,27 @@ def test_the_example_is_the_library_s_row():
     ],
 )
 def test_where_links_are(keys, expected):
-    links = layout_of(f"[[link]]\n{keys}\nfriction_force = 1e4").si.links
+    links = layout_of(f"{THREE}[[link]]\n{keys}\nfriction_force = 1e4").si.links
     assert ends(links) == expected
     assert all(float(one.friction) == 1e4 and np.isinf(one.gap) for one in links)
 
 
 def test_links_and_buildings_of_other_kinds():
-    (link,) = layout_of("[[link]]\nbuilding = 2\nfloor = 1\nfriction_force = 0").si.links
+    (link,) = layout_of(f"{THREE}[[link]]\nbuilding = 2\nfloor = 1\nfriction_force = 0").si.links
     assert float(link.friction) == 0
-    links = layout_of(
-        "[[link]]\nfloors = 'common'\ngap = 0.05", THREE.replace("3.0", "3.5")
-    ).si.links
+    level = THREE.replace("3.0", "3.5")
+    links = layout_of(f"{level}[[link]]\nfloors = 'common'\ngap = 0.05").si.links
     assert ends(links) == [(0, i, 1, i) for i in range(3)] + [(1, i, 2, i) for i in range(2)]
     assert {float(one.gap) for one in links} == {0.05}
     text = "[[building]]\npublished = 'chopra-5'\n[[building]]\nmass = 4e5\nperiod = 0.3\n"
-    layout = layout_of("damping_ratio = 0.05\nheight = 3.6\n[[link]]\nfloors='common'\ngap=0", text)
+    text += "damping_ratio = 0.05\nheight = 3.6\n[[link]]\nfloors='common'\ngap=0"
+    layout = layout_of(text)
     chopra, block = layout.si.buildings
     assert repr(chopra) == repr(jp.ShearBuilding.published("chopra-5"))
     assert repr(block.storeys[0]) == repr(jp.Building.from_period(4e5, 0.3, 0.05))
     assert block.elevations.tolist() == [3.6]
     assert ends(layout.si.links) == [(0, 0, 1, 0)]
-    assert layout_of("", "[[building]]\npublished = 'chopra-5'").si.links == ()
+    assert layout_of("[[building]]\npublished = 'chopra-5'").si.links == ()
 
 
 def ends(links):
@@ -210,4 +200,3 @@ def test_a_faulty_row(text, says, pulse, tmp_path, capsys):
     line = refusal(capsys, "simulate", "--record", pulse, "--config", path, "--out", out)
     assert line.startswith(f"jaxpound: error: {path}: ")
     assert says in line
-    assert not out.exists()

@@ -11,7 +11,7 @@ from jaxpound.cli import simulate, structures
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File
 from jaxpound.cli.results import lines
-from tests.cli.commands import changed, csv_rows, run, summary
+from tests.cli.commands import changed, csv_rows, simulated, summary
 
 
 def short() -> str:
@@ -26,22 +26,13 @@ def short() -> str:
 
 
 @pytest.fixture(scope="module")
-def simulated(pulse, tmp_path_factory):
+def of_example(pulse, tmp_path_factory):
     """The row of the example under the pulse: screen, folder, layout, and the same by the API."""
-    folder = tmp_path_factory.mktemp("row")
-    path, out = folder / "row.toml", folder / "out"
-    path.write_text(short())
-    screen = run("simulate", "--record", pulse, "--config", path, "--out", out)
-    file = File.opened(path, "simulate")
-    given = file.read(simulate.Simulation)
-    record = simulate.shaking(file, given.ground, jp.read_record(pulse))
-    layout = given.layout
-    response = jp.simulate_row(layout.si.buildings, layout.si.links, record, duration=1.6)
-    return screen, out, layout, response
+    return simulated(short(), pulse, tmp_path_factory.mktemp("row"))
 
 
-def test_the_summary_has_the_api_s_numbers(simulated):
-    _, out, layout, response = simulated
+def test_the_summary_has_the_api_s_numbers_and_impacts_by_link(of_example):
+    screen, out, layout, response = of_example
     answers = summary(out)
     told, demand = answers["results"], response.demand
     assert answers["run"]["steps"] == response.time.size - 1
@@ -64,11 +55,6 @@ def test_the_summary_has_the_api_s_numbers(simulated):
     assert (brace["building"], brace["floor"]) == (2, 1)
     assert (brace["next_building"], brace["next_floor"]) == ("ground", None)
     assert brace["gap_m"] is brace["min_gap_m"] is brace["first_contact_s"] is None
-
-
-def test_impacts_are_told_by_link(simulated):
-    screen, out, _, response = simulated
-    told = summary(out)["results"]
     touched = [one["first_contact_s"] for one in told["links"]]
     assert told["first_contact_s"] == min(time for time in touched if time is not None)
     contact, impacts = told["links"][0]["contact"], response.impacts(0)
@@ -83,8 +69,8 @@ def test_impacts_are_told_by_link(simulated):
     assert row[-4] == str(int(told["links"][0]["contact"]["n_impacts"]))
 
 
-def test_series_have_all_floors_and_the_envelope_their_peaks(simulated):
-    _, out, layout, response = simulated
+def test_series_have_all_floors_and_the_envelope_their_peaks(of_example):
+    _, out, layout, response = of_example
     series = np.load(out / "series.npz")
     floors = csv_rows(out / "floors.csv")
     places = [(b, i) for b, x in enumerate(layout.si.buildings) for i in range(x.n_floors)]
@@ -104,8 +90,8 @@ def test_series_have_all_floors_and_the_envelope_their_peaks(simulated):
             assert float(row[column]) == float(getattr(demands[b], name)[i])
 
 
-def test_every_figure_is_drawn(simulated):
-    screen, out, _, _ = simulated
+def test_every_figure_is_drawn_and_what_a_row_lacks_is_not_told(of_example):
+    screen, out, _, _ = of_example
     figures = {path.stem for path in out.glob("*.png")}
     assert figures == {
         *("overview", "row", "envelopes", "gap_map", "ground_motion", "displacements", "gap"),
@@ -116,11 +102,8 @@ def test_every_figure_is_drawn(simulated):
     for path in out.glob("*.png"):
         assert min(imread(path).shape[:2]) > 500
         assert str(path) in screen
-
-
-def test_a_row_without_links_or_contact(simulated):
-    """What has no damper, gap or law is told without them."""
-    results = summary(simulated[1])["results"]
+    # What has no damper, gap or law is told without them.
+    results = summary(of_example[1])["results"]
     for link in results["links"]:
         link |= {"contact": None, "friction_force_N": 0.0}
     told = "\n".join(lines(results))

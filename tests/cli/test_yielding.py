@@ -12,41 +12,28 @@ from jaxpound.cli.buildings import as_toml
 from jaxpound.cli.montecarlo import StudyConfig, prepared
 from jaxpound.cli.parameters import Parameters
 from jaxpound.cli.reading import File
-from jaxpound.cli.simulate import Simulation
 from jaxpound.cli.yielding import keys_of
 from jaxpound.model.parameters import get
-from tests.cli.commands import command_for, csv_rows, run, summary
-from tests.cli.test_study_row import no_elasticities
+from tests.cli.commands import command_for, csv_rows, layout_of, run, simulated, summary
 from tests.ground.test_suite import SUITE, at2
 from tests.refusals import refusals
 
 STOREYS = "[[building]]\nstoreys = {number = 3, mass = 2e5, period = 0.4, damping_ratio = 0.05}\n"
 FRAME = jp.ShearBuilding.from_period(3, 2e5, 0.4, 0.05)
-PAIR = """gap = 0.05
-damper = {friction_force = 0}
-building_2 = {mass = 400e3, period = 0.4, damping_ratio = 0.05}
+YIELDS = "yield_drift = 0.004\nhardening = 0.05\nultimate_displacement = 0.03\n"
+PAIR = f"""gap = 0.05
+damper = {{friction_force = 0}}
+building_2 = {{mass = 400e3, period = 0.4, damping_ratio = 0.05}}
 [building_1]
-mass = 400e3
-period = 0.6
-damping_ratio = 0.05
-yield_drift = 0.004
-hardening = 0.05
-ultimate_displacement = 0.03
-"""
-ALONE = """[[building]]
-storeys = {number = 1, mass = 400e3, period = 0.6, damping_ratio = 0.05}
-yield_drift = 0.004
-hardening = 0.05
-ultimate_displacement = 0.03
-"""
+mass = 400e3\nperiod = 0.6\ndamping_ratio = 0.05
+{YIELDS}"""
+ALONE = f"""[[building]]
+storeys = {{number = 1, mass = 400e3, period = 0.6, damping_ratio = 0.05}}
+{YIELDS}"""
 COLLAPSE = 0.03 / (0.004 * 3.0)  # the ductility at which building 1 collapses
 NOISE = '[earthquakes]\nfilter = "kanai-tajimi"\nfrequency = 1.5\ndamping = 0.6\n'
 NOISE += "acceleration = 0.06\nduration = 2.0\ndt = 0.05\n[run]\ndt = 0.02\n"
 STRENGTH = '"building.1.storey.1.yield_displacement"'
-
-
-def layout_of(text):
-    return File("row.toml", text).read(Simulation).layout
 
 
 def close(ours, expected, rtol=1e-15):
@@ -58,18 +45,17 @@ LISTED = {"yield_force": [2e6, 1e6, 8e5], "hardening": [0.1, 0.05, 0.02]}
 SMOOTH = {"yield_drift": 0.01, "exponent": 3.0, "strength_degradation": [0.0, 0.1, 0.05]}
 WEAK = FRAME.yielding(**LISTED, ultimate_displacement=0.1).with_p_delta()
 LAWS = {"yield_force": 1e6, "hardening": 0.1}
-OF_TWO_LAWS = jp.ShearBuilding(
-    (
-        FRAME.yielding(**LAWS).storeys[0],
-        FRAME.storeys[1],
-        FRAME.yielding(jp.BoucWen, **LAWS, exponent=3.0).storeys[2],
-    )
-)
+OF_TWO_LAWS = FRAME.yielding(**LAWS).storeys[0], FRAME.storeys[1]
+OF_TWO_LAWS += (FRAME.yielding(jp.BoucWen, **LAWS, exponent=3.0).storeys[2],)
 BUILDINGS = (
     ({"yield_force": 1e6}, "", FRAME.yielding(yield_force=1e6)),
     (LISTED, "ultimate_displacement = 0.1\np_delta = true", WEAK),
     (SMOOTH, "law = 'bouc-wen'", FRAME.yielding(jp.BoucWen, **SMOOTH)),
-    (LAWS, "law = ['bilinear', 'elastic', 'bouc-wen']\nexponent = 3.0", OF_TWO_LAWS),
+    (
+        LAWS,
+        "law = ['bilinear', 'elastic', 'bouc-wen']\nexponent = 3.0",
+        jp.ShearBuilding(OF_TWO_LAWS),
+    ),
 )
 
 
@@ -82,7 +68,7 @@ def test_the_keys_are_the_library_s_and_are_written_back(numbers, more, building
     close(Parameters(layout).buildings(layout.structures), layout.si, rtol=1e-12)
 
 
-def test_two_buildings_of_which_one_yields_are_a_row():
+def test_a_pair_of_which_one_yields_is_a_row_whose_strengths_and_rods_may_be_random():
     layout = layout_of(PAIR + "height = 4.0\np_delta = true")
     left, right = (jp.Building.from_period(4e5, x, 0.05) for x in (0.6, 0.4))
     numbers = {"hardening": 0.05, "ultimate_displacement": 0.03}
@@ -90,9 +76,6 @@ def test_two_buildings_of_which_one_yields_are_a_row():
     assert repr(layout.buildings) == repr((weak, jp.ShearBuilding((right,))))
     pair = jp.Buildings((weak.storeys[0], right), layout.si.links)
     close(layout_of(as_toml(pair)).buildings[0].storeys, weak.storeys)
-
-
-def test_strengths_and_rods_of_storeys_that_yield_may_be_random():
     table = f'[uncertain]\n{STRENGTH} = {{lognormal = [2.0, 0.3]}}\n"building.*.storey.*.tau_x" = '
     file = File("row.toml", f"{PAIR}{NOISE}{table}{{lognormal = [2.0, 0.01]}}")
     structures = prepared(file, file.read(StudyConfig))[0].structures
@@ -129,10 +112,8 @@ test_laws_of_no_file = refusals((keys_of, OWN, "hysteresis must be by a law of a
 
 
 def test_simulate_says_what_the_library_does(pulse, tmp_path):
-    text = f"{PAIR}[run]\nduration = 1.6\n"
-    out = folder_of_run(tmp_path, "simulate", text, pulse)
-    si = layout_of(PAIR).si
-    demand = jp.simulate_row(si.buildings, si.links, jp.read_record(pulse), duration=1.6).demand
+    _, out, _, response = simulated(f"{PAIR}[run]\nduration = 1.6\n", pulse, tmp_path)
+    demand = response.demand
     left, right = summary(out)["results"]["buildings"]
     (storey,), (floor, elastic) = left["yielding"], csv_rows(out / "floors.csv")
     for key in ("ductility", "residual_drift_m", "dissipated_energy_J", "first_yield_time_s"):
@@ -143,11 +124,11 @@ def test_simulate_says_what_the_library_does(pulse, tmp_path):
     assert right["yielding"] == []
 
 
-def folder_of_run(folder, command, text, record=""):
+def folder_of_run(folder, command, text):
     """The folder of a command with this configuration."""
     path = folder / "config.toml"
     path.write_text(text)
-    run(*command_for(command, path, record, folder / command))
+    run(*command_for(command, path, "", folder / command))
     return folder / command
 
 
@@ -170,9 +151,8 @@ def test_a_building_collapses_at_the_ductility_of_collapse(tmp_path):
     assert answers[0] == pytest.approx(answers[1], rel=0.01)  # of capacities, which are bisected
 
 
-@pytest.mark.usefixtures("without_pictures")
-def test_a_design_may_choose_the_strength(tmp_path, monkeypatch):
-    monkeypatch.setattr(jp, "elasticities", no_elasticities)
+@pytest.mark.usefixtures("without_pictures", "without_elasticities")
+def test_a_design_may_choose_the_strength(tmp_path):
     search = "[search]\nearthquakes = 2\nfresh = 2\nstarts = 1\niterations = 2\n[limits]\n"
     goal = 'residual_drift = 1.0\n[objective]\ngoal = "least demand"\ndemand = "ductility"\n'
     variables = f"[variables]\n{STRENGTH} = {{low = 0.5, high = 2.0}}\n"
