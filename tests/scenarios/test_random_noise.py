@@ -18,14 +18,13 @@ from tests.refusals import refusals, refused
 PAPER = jp.paper.structures()
 KT = jp.KanaiTajimi(2.0, 0.6)
 SMALL = jp.FilteredNoise(KT, samples=20, dt=0.1, intensity=0.1)
+SCALES = jp.Scales(mass=5e5, frequency=7.0)
 SIZES = {"samples": 1250, "dt": 0.02}
 MOTION = {"arias_intensity": 0.05, "duration": 10.0, "mid_time": 7.0, "damping": 0.2}
 MOTION |= {"frequency": 5.0, "frequency_slope": -0.2}
 GIVEN = jp.NonstationaryNoise(**MOTION, **SIZES, high_pass=None)
 SITE = jp.SiteBasedNoise(magnitude=6.6, distance=20.0, vs30=600.0, fault="reverse", **SIZES)
-PULSE = jp.RandomPulse(
-    amplitude=jp.TwoSided(jp.LogNormal(0.2, 0.4)), period=jp.Normal(3.0, 0.5), arrival=1.0
-)
+PULSE = jp.RandomPulse(jp.TwoSided(jp.LogNormal(0.2, 0.4)), jp.Normal(3.0, 0.5), arrival=1.0)
 
 
 def test_noise_of_a_spectral_density_has_its_variance_and_intensity_scales_it():
@@ -74,19 +73,12 @@ def test_noise_is_linear_in_its_numbers(noise):
     a, b = np.random.default_rng(0).normal(size=(2, noise.dimension))
     draw = jax.jit(lambda z: noise.draw(z).samples)
     np.testing.assert_allclose(draw(2 * a - b), 2 * draw(a) - draw(b), rtol=1e-9, atol=1e-14)
-    assert list(parameter_names(noise_in_scenarios(noise)))[:2] == ["noise_1", "noise_2"]
     assert not noise.discrete
+    noise = SCALES.to_dimensionless(noise) if noise.time_unit == "s" else noise
+    assert parameter_names(jp.Scenarios(PAPER, noise))[:2] == ("noise_1", "noise_2")
 
 
-SCALES = jp.Scales(mass=5e5, frequency=7.0)
-
-
-def noise_in_scenarios(noise):
-    dimensionless = SCALES.to_dimensionless(noise) if noise.time_unit == "s" else noise
-    return jp.Scenarios(PAPER, dimensionless)
-
-
-def test_noise_is_linear_differentiates_and_keeps_single_precision():
+def test_noise_differentiates_and_keeps_single_precision():
     z = np.random.default_rng(1).normal(size=20)
 
     @jax.jit
@@ -132,7 +124,7 @@ def test_nonstationary_noise_has_its_intensity_duration_and_frequencies():
         assert crossings(x, t, at - 1, at + 1) == pytest.approx(expected, rel=0.04)
 
 
-def test_parameters_of_a_site_have_the_published_distributions_and_correlations():
+def test_parameters_of_a_site_and_of_a_population_have_the_published_distributions():
     """Against SciPy's distributions, at the means that the regression gives."""
     z = np.random.default_rng(5).normal(size=(4000, 6))
     found = {name: np.asarray(x) for name, x in jax.jit(jax.vmap(SITE._drawn))(z).items()}
@@ -157,10 +149,7 @@ def test_parameters_of_a_site_have_the_published_distributions_and_correlations(
     order = [nu[name] for name in REGRESSIONS]
     ranked = np.array([stats.norm.ppf(stats.rankdata(x) / 4001) for x in order])
     np.testing.assert_allclose(np.corrcoef(ranked), CORRELATIONS, atol=0.05)
-
-
-def test_a_population_of_sites_has_the_published_means_and_slopes():
-    """Over all data, for which a standard normal ν stands; means are of the paper's figures."""
+    # Over all data, for which a standard normal ν stands; means are of the paper's figures.
     nu = stats.norm.ppf((np.arange(20_000) + 0.5) / 20_000)
     published = {"duration": 17.4, "mid_time": 12.3, "frequency": 5.7, "damping": 0.21}
     published["frequency_slope"] = -0.1
@@ -196,7 +185,7 @@ def test_motions_of_a_site_differentiate_and_are_finite_far_out():
         assert np.isfinite(draw(np.append(np.full(6, far), z[6:])))
 
 
-def test_random_pulses_sums_and_multiples_have_their_numbers():
+def test_random_pulses_sums_and_multiples_have_their_numbers_in_studies_and_seconds():
     assert (PULSE.dimension, PULSE.discrete) == (2, ())
     pulse = PULSE.draw(np.array([-0.3, 1.0]))
     assert (pulse.arrival, pulse.cycles) == (1.0, 2.0)
@@ -233,9 +222,6 @@ def test_random_pulses_sums_and_multiples_have_their_numbers():
     assert discrete_coordinates(twice) == (20 + 3,)
     assert isinstance(twice, SumOfDraws)
     assert isinstance(np.float64(2.0) * SMALL, ScaledDraw)
-
-
-def test_pulses_with_residuals_in_studies_and_seconds():
     uncertain = jp.UncertainStructures(PAPER, {"friction": jp.LogNormal(0.25, 0.2)})
     scenarios = jp.Scenarios(uncertain, PULSE + SMALL)
     study = jp.monte_carlo(scenarios, 8, jp.TimeGrid(0.1, 40), key=1, progress=False)

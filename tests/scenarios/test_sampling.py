@@ -22,13 +22,9 @@ def test_points_depend_on_their_index_alone_and_are_standard_normals(sampling):
         assert stats.kstest(column, "norm").pvalue > 0.01
     correlation = np.corrcoef(z.T) - np.eye(4)
     assert np.abs(correlation).max() < 0.05
-
-
-def test_precision_is_the_callers():
-    for x64, kind in ((True, np.float64), (False, np.float32)):
-        with jax.enable_x64(x64):
-            for sampling in SAMPLINGS:
-                assert points(sampling, KEY, 2)(0, 4).dtype == kind
+    assert z.dtype == np.float64  # the precision is the caller's
+    with jax.enable_x64(False):
+        assert points(sampling, KEY, 2)(0, 4).dtype == np.float32
 
 
 def test_sobol_points_integrate_a_smooth_function_at_a_higher_order():
@@ -43,7 +39,6 @@ def test_sobol_points_integrate_a_smooth_function_at_a_higher_order():
             off[seed] = [values[:n].mean() - 3 for n in sizes]
         errors[sampling] = np.sqrt((off**2).mean(axis=0))
     orders = {k: np.log(e[0] / e[1]) / np.log(sizes[1] / sizes[0]) for k, e in errors.items()}
-    print(errors, orders)
     assert 0.25 < orders["plain"] < 0.75
     assert orders["sobol"] > 0.75
     assert errors["sobol"][1] < errors["plain"][1] / 5

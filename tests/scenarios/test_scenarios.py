@@ -173,9 +173,7 @@ def test_parts_combine_in_order_with_names_and_derivatives():
     structures = jp.UncertainStructures(PAPER, {"friction": jp.Uniform(0.1, 0.5)})
     assert parameter_names(jp.Scenarios(structures, unnamed)) == ("friction", "z_2", "z_3")
     assert float(named.draw(z).arrivals[0]) == 2.5
-    both = jp.Scenarios(
-        jp.UncertainStructures(PAPER, {"rod_1.tau_x": jp.LogNormal(1.2, 0.3)}), RICKER
-    )
+    both = jp.Scenarios(UNCERTAIN(PAPER, {"rod_1.tau_x": jp.LogNormal(1.2, 0.3)}), RICKER)
     z = jnp.asarray(np.random.default_rng(4).normal(size=both.dimension))
 
     @jax.jit
@@ -190,16 +188,14 @@ def test_parts_combine_in_order_with_names_and_derivatives():
 
 U, LOW = jp.Uniform(0.1, 1.0), {"rod_1.tau_x": jp.Uniform(0.0, 0.004)}
 UNCERTAIN = jp.UncertainStructures
+IN_RANGE = r"rod_1.order ~ Uniform\(low=1.2, high=1.8\) must have at least 10% .* in \[1e-30, 1\]"
 RUBBED, FRICTION = UNCERTAIN(PAPER, {"friction": U}), jp.CustomDraw(abs, 1, ("friction",))
 
 test_bad_values_are_named = refusals(
     (lambda: jp.UncertainStructures(PAPER, {}), "must name a parameter"),
     (UNCERTAIN, PAPER, {"rod_1.tau_y": U}, "unknown path 'rod_1.tau_y'; did you mean 'rod_1.tau_"),
     (UNCERTAIN, PAPER, {"friction": 0.2}, "friction = 0.2 must be of type"),
-    (
-        *(UNCERTAIN, PAPER, {"rod_1.order": jp.Uniform(1.2, 1.8)}),
-        r"rod_1.order ~ Uniform\(low=1.2, high=1.8\) must have at least 10% .* in \[1e-30, 1\]",
-    ),
+    (UNCERTAIN, PAPER, {"rod_1.order": jp.Uniform(1.2, 1.8)}, IN_RANGE),
     (UNCERTAIN, PAPER, LOW, r"must have at least 10% of its probability in \[0.004, inf\]"),
     (UNCERTAIN, 3, {"friction": U}, "nominal = 3 must be of type"),
     (lambda: jp.RandomRicker(0, U, U, U), "wavelets = 0 must be a positive whole number"),
@@ -229,24 +225,17 @@ def test_more_numbers_than_memory_has_room_for_are_refused():
 
 @pytest.mark.parametrize("sampling", ["plain", "sobol"])
 def test_scenarios_by_index_are_those_of_the_study(sampling):
-    scenarios = jp.Scenarios(
-        jp.UncertainStructures(PAPER, {"friction": jp.LogNormal(1, 2)}), RICKER
-    )
-    grid = jp.TimeGrid(0.1, 40)
-    study = jp.monte_carlo(
-        scenarios, 8, grid, key=3, sampling=sampling, keep_parameters=True, progress=False
-    )
+    scenarios = jp.Scenarios(UNCERTAIN(PAPER, {"friction": jp.LogNormal(1, 2)}), RICKER)
+    grid, how = jp.TimeGrid(0.1, 40), {"keep_parameters": True, "progress": False}
+    study = jp.monte_carlo(scenarios, 8, grid, key=3, sampling=sampling, **how)
     batch = scenarios.at([5, 0, 6], 3, sampling=sampling)
     np.testing.assert_allclose(batch[0].friction, study["friction"][[5, 0, 6]])
     np.testing.assert_allclose(batch[1].arrivals[:, 0], study["arrival_1"][[5, 0, 6]])
     structures, ground = scenarios.at(study.indices[6], 3, sampling=sampling)
     assert jnp.shape(structures.friction) == ()
     assert float(jp.demand(structures, ground, grid).min_gap) == pytest.approx(study["min_gap"][6])
+    whole, within = "must be whole numbers", "must be from 0 to"
     for indices, message in (
-        (1.5, "must be whole numbers"),
-        ([], "must be whole numbers"),
-        ([[1]], r"shape \(n,\)"),
-        (-1, "must be from 0 to"),
-        (2**31, "must be from 0 to"),
+        *((1.5, whole), ([], whole), (-1, within), (2**31, within), ([[1]], r"shape \(n,\)")),
     ):
         refused(message, scenarios.at, indices, 3, sampling=sampling)

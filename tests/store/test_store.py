@@ -151,14 +151,11 @@ def test_folders_in_the_place_of_chunks_other_studies_and_other_things_are_left_
     assert [p.name for p in folder.iterdir()] == ["thesis.tex"]
 
 
-def test_a_folder_without_a_good_manifest_is_refused(tmp_path):
+def test_folders_manifests_and_identities_that_make_no_store_are_refused(tmp_path, monkeypatch):
+    many = '{"format": 2, "n": ' + "9" * 5000 + "}"
     for text, message in (
         (None, r"must be a folder with a manifest.json"),
-        ("", r"manifest.json is damaged"),
-        ("{", r"manifest.json is damaged"),
-        ("[]", r"manifest.json is damaged"),
-        ("[" * 100_000, r"manifest.json is damaged"),
-        ('{"format": 2, "n": ' + "9" * 5000 + "}", r"manifest.json is damaged"),
+        *((text, r"manifest.json is damaged") for text in ("", "{", "[]", "[" * 100_000, many)),
         ('{"format": 2}', r"manifest.json is damaged \(its checksum is wrong\)"),
         ('{"format": 99}', r"format 99 must be 2; another version"),
         ('{"format": 1, "n": 10, "identity": {}}', r"format 1 must be 2; .* run the study anew"),
@@ -176,9 +173,6 @@ def test_a_folder_without_a_good_manifest_is_refused(tmp_path):
         put(folder / MANIFEST)
         refused(r"manifest.json is damaged \(it is", Store, folder)
         refused(r"manifest.json is damaged \(it is", Store.create, folder, IDENTITY, 10, {})
-
-
-def test_identities_and_files_that_make_no_store_are_refused(tmp_path, monkeypatch):
     for change, message in (
         ({"chunk_size": 0}, "chunk_size = 0 must be from 1"),
         ({"chunk_size": 10**12}, "chunk_size = 1000000000000 must be from 1 to 2,147,483,648"),
@@ -200,23 +194,22 @@ def test_identities_and_files_that_make_no_store_are_refused(tmp_path, monkeypat
     assert Store.create(tmp_path / "study", IDENTITY, 10, {}).n == 10
 
 
-def test_a_manifest_that_would_fill_the_memory_is_refused(store, monkeypatch):
-    os.truncate(store.folder / MANIFEST, 10**11)  # of which nothing is on the disk
-    refused(r"manifest.json is damaged \(it is too large\)", Store, store.folder)
-    monkeypatch.setattr("jaxpound.store.store._LARGEST_MANIFEST", 1000)
-    words, folder = r"must be at most 1,000 bytes with its notes", store.folder.with_name("other")
-    refused(f"manifest.json {words}", Store.create, folder, IDENTITY, 10, {"notes": "x" * 1000})
-
-
-def test_a_store_asked_for_many_samples_is_read_by_the_chunks_that_are_there(store):
+def test_a_store_that_asks_for_too_much_is_read_by_its_chunks_or_refused(store, monkeypatch):
     """A stray file asks for 2^31 samples; the last chunk, of a smaller study, is not whole then."""
     (store.folder / "samples-2147483648").touch()
     (store.folder / "chunk-999999999.npz").touch()
     assert Store(store.folder).held() == [0, 1, 2]
     assert Store(store.folder, 6).held() == [0, 1]
     assert [*dict(Store(store.folder).undamaged(Store(store.folder).held(), ""))] == [0, 1]
-    (store.folder / "samples-9999999999").touch()
+    stray = store.folder / "samples-9999999999"
+    stray.touch()
     refused("samples-9999999999 must be at most 2147483648", Store, store.folder)
+    stray.unlink()
+    os.truncate(store.folder / MANIFEST, 10**11)  # of which nothing is on the disk
+    refused(r"manifest.json is damaged \(it is too large\)", Store, store.folder)
+    monkeypatch.setattr("jaxpound.store.store._LARGEST_MANIFEST", 1000)
+    words, folder = r"must be at most 1,000 bytes with its notes", store.folder.with_name("other")
+    refused(f"manifest.json {words}", Store.create, folder, IDENTITY, 10, {"notes": "x" * 1000})
 
 
 def test_a_file_that_finds_no_more_room_is_given_up(tmp_path):
@@ -225,10 +218,10 @@ def test_a_file_that_finds_no_more_room_is_given_up(tmp_path):
     store = Store.create(tmp_path / "study", IDENTITY | {"chunk_size": 100_000}, 100_004, {})
     small, large = columns(100_000, 4), columns(0, 100_000)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    words = r"cannot be written \(File too large\).* its finished chunks are kept"
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:
         store.write(1, small)
-        words = r"cannot be written \(File too large\).* its finished chunks are kept"
         with pytest.raises(OSError, match=words) as refusal:
             store.write(0, large)
     finally:
@@ -322,7 +315,7 @@ def test_processes_that_make_one_store_at_once_agree_on_it(tmp_path):
     assert not [*Path(tmp_path).glob("*/*.part")]
 
 
-def test_a_smaller_study_leaves_what_a_larger_one_made(tmp_path):
+def test_a_smaller_study_leaves_what_a_larger_one_made_and_its_parts_until_then(tmp_path):
     """They start together, and either may be first to write the chunk that both have a part of."""
     folder = tmp_path / "study"
     small = Store.create(folder, IDENTITY, 6, {})
@@ -339,25 +332,21 @@ def test_a_smaller_study_leaves_what_a_larger_one_made(tmp_path):
     larger.write(0, columns(0, 4))
     larger.write(3, columns(12, 1))
     Store.create(folder, IDENTITY, 6, {})  # sweeps
-    assert sorted(path.name for path in folder.iterdir()) == [
-        *(f"chunk-00000{i}.npz" for i in range(3)),
-        *("chunk-000003-1.npz", MANIFEST, "samples-13"),
-    ]
+    names = [*(f"chunk-00000{i}.npz" for i in range(3)), "chunk-000003-1.npz"]
+    assert sorted(path.name for path in folder.iterdir()) == [*names, MANIFEST, "samples-13"]
     assert_held(small, 1, 4, 2)
-
-
-def test_a_chunk_s_part_stays_until_the_whole_is_there_and_right(tmp_path):
-    store = Store.create(tmp_path, IDENTITY, 6, {})
+    folder = tmp_path / "parts"
+    store = Store.create(folder, IDENTITY, 6, {})
     store.write(1, columns(4, 2))
-    larger = Store.create(tmp_path, IDENTITY, 8, {})
-    (tmp_path / "chunk-000001.npz").write_bytes(b"damaged")
+    larger = Store.create(folder, IDENTITY, 8, {})
+    (folder / "chunk-000001.npz").write_bytes(b"damaged")
     larger.sweep()
     assert_held(store, 1, 4, 2)
     with pytest.raises(DamagedError):
         larger.read(1)
     larger.write(1, columns(4, 4))
     larger.sweep()
-    assert not (tmp_path / "chunk-000001-2.npz").exists()
+    assert not (folder / "chunk-000001-2.npz").exists()
 
 
 GROWER = """
@@ -385,8 +374,6 @@ def test_processes_that_grow_one_store_to_other_sizes_do_not_disturb_each_other(
     folder, identity = tmp_path / "study", json.dumps(IDENTITY)
     sizes = ("2", "80", "3"), ("3", "80", "2")
     assert ends(GROWER, *((folder, identity, *x) for x in sizes), given=b"go\n") == ["", ""]
-    store = Store.create(folder, IDENTITY, 79, {})
-    assert sorted(path.name for path in store.folder.iterdir()) == [
-        *(f"chunk-{i:06d}{'-3' * (i == 19)}.npz" for i in range(20)),
-        *(MANIFEST, "samples-79"),
-    ]
+    Store.create(folder, IDENTITY, 79, {})
+    names = [f"chunk-{i:06d}{'-3' * (i == 19)}.npz" for i in range(20)]
+    assert sorted(path.name for path in folder.iterdir()) == [*names, MANIFEST, "samples-79"]
