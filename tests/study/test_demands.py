@@ -32,29 +32,22 @@ def study(system, **more):
 def linked(*gaps):
     """Masses on rods of their own, with a link between each two."""
     masses = range(2 * len(gaps))
-    return jp.System(
-        masses=(1.0,) * len(masses),
-        rods=tuple(jp.Rod(STEEL, 1.0, (i, jp.GROUND)) for i in masses),
-        links=tuple(jp.Link((2 * i, 2 * i + 1), 0.1, gap) for i, gap in enumerate(gaps)),
-    )
+    rods = tuple(jp.Rod(STEEL, 1.0, (i, jp.GROUND)) for i in masses)
+    links = tuple(jp.Link((2 * i, 2 * i + 1), 0.1, gap) for i, gap in enumerate(gaps))
+    return jp.System((1.0,) * len(masses), rods, links)
 
 
 def test_the_gap_at_rest_is_one_finite_number_or_none():
-    for gaps, one in (
-        ((0.3,), 0.3),
-        ((0.3, 0.3), 0.3),
-        ((0.3, np.inf), 0.3),
-        ((0.3, 0.4), None),
-        ((np.inf,), None),
-        ((), None),
-    ):
-        system = linked(*gaps) if gaps else dataclasses.replace(SYSTEM, links=())
-        assert common_gap(system) == one
+    for gaps in ((0.3,), (0.3, 0.3), (0.3, np.inf)):
+        assert common_gap(linked(*gaps)) == 0.3
+    without = dataclasses.replace(SYSTEM, links=())
+    for system in (linked(0.3, 0.4), linked(np.inf), without):
+        assert common_gap(system) is None
     seen = []
-    jax.eval_shape(lambda x: seen.append(common_gap(linked(x)) is x), 0.3)
-    jax.eval_shape(lambda x: seen.append(common_gap(linked(x, x)) is x), 0.3)
+    for gaps_of in (lambda x: (x,), lambda x: (x, x), lambda x: (x, 0.3)):
+        jax.eval_shape(lambda x, of=gaps_of: seen.append(common_gap(linked(*of(x))) is x), 0.3)
     jax.eval_shape(lambda x: seen.append(common_gap(linked(x, 0.3)) is None), 0.3)
-    assert seen == [True] * 3
+    assert seen == [True, True, False, True]
     assert common_gap(jp.paper.structures()) == 1.0
 
 
@@ -90,8 +83,7 @@ def test_links_without_a_gap_fail_nothing_and_have_no_sensitivities(tmp_path):
     for ask in (lambda: found.pounding_probability(0.1), lambda: found.required_gap(0.1)):
         refused("column 'required_gap' must be one of min_gap", ask)
     found = jp.sobol_sensitivity(scenarios(SYSTEM), GRID, n=4)
-    assert found.demand == "required_gap"
-    assert list(found.first) == ["z_1", "z_2"]
+    assert (found.demand, [*found.first]) == ("required_gap", ["z_1", "z_2"])
     one = jp.Scenarios(SYSTEM, jp.CustomDraw(lambda z: wave([z[0], 0.0]), 1))
     for drawn, more, message in (
         (scenarios(OPEN), {}, r"one of min_gap, .*: there is no required gap unless"),

@@ -21,6 +21,10 @@ def stripes(seed=0, trials=40):
     return levels, np.random.default_rng(seed).binomial(trials, chances), trials
 
 
+def by_runs(hits, trials):
+    return np.concatenate([np.arange(n) < k for k, n in zip(hits, trials, strict=True)])
+
+
 def test_known_parameters_are_recovered_within_errors_that_are_their_scatter():
     fit = jp.fit_fragility(*cloud(100_000))
     assert fit.median == pytest.approx(THETA, rel=0.01)
@@ -35,10 +39,7 @@ def test_known_parameters_are_recovered_within_errors_that_are_their_scatter():
     assert (high - low)[0] == pytest.approx(2 * 1.96 * slope, rel=0.2)
     assert low[0] < 0.5 < high[0]
     fits = [jp.fit_fragility(*cloud(400, seed)) for seed in range(200)]
-    for name in ("median", "dispersion"):
-        scatter = np.std([getattr(fit, name) for fit in fits])
-        told = np.mean([getattr(fit, f"{name}_error") for fit in fits])
-        assert told == pytest.approx(scatter, rel=0.2)
+    errors_are_scatter(fits, np.mean, 0.2)
 
 
 @pytest.mark.parametrize("data", [cloud(500), stripes()], ids=["cloud", "stripes"])
@@ -47,7 +48,7 @@ def test_estimates_and_errors_are_those_of_statsmodels_probit(data):
     fit = jp.fit_fragility(*data)
     im, k, n = fit.intensity, fit.pounding, fit.trials
     x = np.repeat(np.log(im), n)
-    y = np.concatenate([np.arange(trials) < hits for hits, trials in zip(k, n, strict=True)])
+    y = by_runs(k, n)
     theirs = sm.Probit(y.astype(float), sm.add_constant(x)).fit(disp=0, tol=1e-12)
     a, b = theirs.params
     assert fit.median == pytest.approx(np.exp(-a / b), rel=1e-7)
@@ -58,8 +59,7 @@ def test_estimates_and_errors_are_those_of_statsmodels_probit(data):
 
 def test_stripes_are_the_cloud_of_their_runs_with_one_number_of_trials():
     levels, k, n = stripes()
-    im = np.repeat(levels, n)
-    pounding = np.concatenate([np.arange(t) < hits for hits, t in zip(k, n, strict=True)])
+    im, pounding = np.repeat(levels, n), by_runs(k, n)
     one, other = jp.fit_fragility(levels, k, n), jp.fit_fragility(im, pounding)
     assert one.median == pytest.approx(other.median, rel=1e-9)
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6)
@@ -90,21 +90,30 @@ def test_stripes_are_fitted_as_baker_s_own_program_fits_its_example():
 @pytest.mark.parametrize(
     ("draw", "seeds", "replicates", "least", "most"),
     [
-        (lambda seed: cloud(300, seed), 30, 60, 0.8, 0.97),
+        (lambda seed: cloud(300, seed), 30, 60, 0.8, 0.97),  # by the bootstrap
         (stripes, 30, 60, 0.8, 0.97),
         (lambda seed: cloud(60, seed), 200, None, 0.89, 0.98),  # little data
         (lambda seed: stripes(seed, 15), 200, None, 0.89, 0.98),
     ],
-    ids=["bootstrap-cloud", "bootstrap-stripes", "cloud", "stripes"],
 )
 def test_the_band_covers_the_truth(draw, seeds, replicates, least, most):
+    fits = (jp.fit_fragility(*draw(seed)) for seed in range(seeds))
+    assert least < coverage(fits, replicates) < most
+
+
+def coverage(fits, replicates=None):
+    """How often the bands of 90 % cover the truth."""
     at = np.array([0.2, 0.4, 0.8])
     truth = stats.norm.cdf(np.log(at / THETA) / BETA)
-    covered = []
-    for seed in range(seeds):
-        low, high = jp.fit_fragility(*draw(seed)).band(at, 0.9, replicates)
-        covered.append((low <= truth) & (truth <= high))
-    assert least < np.mean(covered) < most
+    ends = [fit.band(at, 0.9, replicates) for fit in fits]
+    return np.mean([(low <= truth) & (truth <= high) for low, high in ends])
+
+
+def errors_are_scatter(fits, average, rel):
+    for name in ("median", "dispersion"):
+        scatter = np.std([getattr(fit, name) for fit in fits])
+        told = average([getattr(fit, f"{name}_error") for fit in fits])
+        assert told == pytest.approx(scatter, rel=rel)
 
 
 def test_a_curve_in_numbers_needs_no_data():

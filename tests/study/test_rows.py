@@ -33,7 +33,7 @@ def study(folder):
     return run(64, folder)
 
 
-def test_gaps_and_pounding_are_those_of_one_link_or_of_any(study):
+def test_gaps_and_pounding_are_those_of_one_link_or_of_any_in_a_table(study, folder):
     assert study.n_links == 2
     own = [GAPS[k] - study[f"min_gap_{k + 1}"] for k in range(2)]
     for k in range(2):
@@ -63,9 +63,6 @@ def test_gaps_and_pounding_are_those_of_one_link_or_of_any(study):
     accelerations = [study[f"peak_acceleration_{i}"] for i in range(1, 5)]
     np.testing.assert_array_equal(study["peak_acceleration"], np.max(accelerations, axis=0))
     assert study.demand.rods[1].peak_drift.shape == (64,)
-
-
-def test_required_gaps_are_a_table_of_the_links_without_contact(study, folder):
     scales = jp.Scales(mass=500e3, frequency=7.0)
     for one in (study, jp.Study.open(folder)):
         found = one.in_si(scales).required_gaps(0.1)

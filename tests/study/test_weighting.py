@@ -13,7 +13,7 @@ from jaxpound.study.statistics import Moments
 from jaxpound.study.statistics import quantile as plain_quantile
 from jaxpound.study.weighting import Hits
 from tests.refusals import refusals, refused
-from tests.study.test_fragility import BETA, THETA, cloud, stripes
+from tests.study.test_fragility import BETA, THETA, cloud, coverage, errors_are_scatter, stripes
 from tests.study.test_run import MEDIAN, SIGMA, linear, study, unit
 
 BELOW = "peak_x1", "required_gap", "pga"
@@ -42,9 +42,8 @@ def test_of_some_samples_that_are_all_the_others_are_not_there():
     assert some.pounding_probability(0.5)[:3] == pytest.approx((k / n, *exact))
     mine, of = some.required_gap(0.1), plain_quantile(columns["required_gap"], 0.9)
     assert mine[:3] == pytest.approx(of[:3], rel=0.01)
-    assert some.correlations()["amplitude"] == pytest.approx(
-        stats.spearmanr(columns["required_gap"], found.points()[those, 0]).statistic
-    )
+    rank = stats.spearmanr(columns["required_gap"], found.points()[those, 0]).statistic
+    assert some.correlations()["amplitude"] == pytest.approx(rank)
     np.testing.assert_array_equal(some.weights, np.where(those, 2.0, 0.0))
     rules = some.separation(0.1)
     u1 = plain_quantile(columns["peak_x1"], 0.9).value
@@ -93,17 +92,8 @@ def test_white_s_errors_are_the_scatter_of_repetitions():
         return jp.fit_fragility(im, pounding, weights=1 / im)
 
     fits = [fit(seed) for seed in range(200)]
-    at = np.array([0.2, 0.4, 0.8])
-    covered = []
-    for curve in fits[:100]:
-        low, high = curve.band(at, 0.9)
-        truth = stats.norm.cdf(np.log(at / THETA) / BETA)
-        covered.append((low <= truth) & (truth <= high))
-    assert 0.83 < np.mean(covered) < 0.96
-    for name in ("median", "dispersion"):
-        scatter = np.std([getattr(curve, name) for curve in fits])
-        told = np.median([getattr(curve, f"{name}_error") for curve in fits])
-        assert told == pytest.approx(scatter, rel=0.25)
+    assert 0.83 < coverage(fits[:100]) < 0.96
+    errors_are_scatter(fits, np.median, 0.25)
     assert fits[0].band([0.0])[1] < 1e-200
 
 
@@ -143,11 +133,11 @@ def test_intervals_cover_rare_probabilities_and_quantiles():
 
 def test_a_column_s_weights_are_read_with_the_others(tmp_path):
     measures = {"weight": lambda structures, ground: structures.friction**2}
-    found = study(n=50, store=tmp_path / "s", measures=measures)
-    by_name = jp.Study.open(tmp_path / "s").weighted("weight")
+    found = study(n=50, store=tmp_path, measures=measures)
+    by_name = jp.Study.open(tmp_path).weighted("weight")
     by_array = found.weighted(found["weight"])
-    exceedances = [x.exceedance("required_gap", 0.2) for x in (by_name, by_array)]
-    assert [*exceedances[0]] == pytest.approx([*exceedances[1]])
+    for_name, for_array = ([*x.exceedance("required_gap", 0.2)] for x in (by_name, by_array))
+    assert for_name == pytest.approx(for_array)
     gap, w = float(np.median(found["required_gap"])), found["weight"]
     curve = by_name.fragility(gap=gap)
     plain = jp.fit_fragility(found["pga"], found["required_gap"] >= gap, weights=w)

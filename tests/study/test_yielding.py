@@ -46,11 +46,9 @@ def test_a_rare_ductility_is_as_frequent_as_its_gradients_say():
 
 def test_ductility_is_a_demand_of_structures_that_yield_only():
     elastic = jp.Storeys((1.0,), jp.Rod(STEEL, 4.0))
-    scenarios = jp.Scenarios(elastic, GROUND)
+    words = "must be of structures with a rod that yields"
     options = {"demand": "ductility", "threshold": 2.0, "progress": False}
-    refused(
-        "must be of structures with a rod that yields", jp.rare_event, scenarios, GRID, **options
-    )
+    refused(words, jp.rare_event, jp.Scenarios(elastic, GROUND), GRID, **options)
 
     @jax.jit
     @jax.grad
