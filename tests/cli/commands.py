@@ -113,6 +113,12 @@ def refusal(capsys, *arguments: object) -> str:
     return captured.err
 
 
+def example_pair(friction_force: float, gap: float):
+    """The example's buildings by the library: dimensionless, and their scales."""
+    blocks = (jp.Building.from_period(*x, 0.05) for x in ((500e3, 0.9), (400e3, 0.6)))
+    return jp.dimensionless(*blocks, friction_force=friction_force, gap=gap)
+
+
 def tables(page):
     """Every table of a page, as rows of cells by the header's names."""
     every = []

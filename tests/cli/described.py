@@ -51,21 +51,16 @@ def _steps(key: str) -> tuple[str, ...]:
 
 def fits(part: str, name: str) -> bool:
     """Whether a name is what a part of a key says, ``<…>`` standing for any words."""
-    pattern = "".join(
-        r".+" if piece.startswith("<") else re.escape(piece)
-        for piece in re.split(r"(<[^>]+>)", part)
-    )
+    pattern = re.sub(r"<[^>]+>", ".+", re.escape(part))
     return re.fullmatch(pattern, name) is not None
 
 
 def leaves(tree, path=()):
     """Paths of a tree of JSON; a table or list of tables that is empty or null ends one."""
-    if path in OPAQUE or not isinstance(tree, dict | list) or not tree:
-        yield path
-    elif isinstance(tree, dict):
+    if path not in OPAQUE and tree and isinstance(tree, dict):
         for key, value in tree.items():
             yield from leaves(value, (*path, key))
-    elif isinstance(tree[0], dict):
+    elif path not in OPAQUE and tree and isinstance(tree, list) and isinstance(tree[0], dict):
         for value in tree:
             yield from leaves(value, (*path[:-1], f"{path[-1]}[]"))
     else:

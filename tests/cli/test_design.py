@@ -37,9 +37,8 @@ def test_the_example_and_goals_in_words_of_the_library(write):
     assert wanted.space.names == ("friction",)
     nominal = wanted.space.nominal
     assert wanted.space.variables["friction"].high == pytest.approx(5 * nominal.friction)
-    assert wanted.objective == jp.Objective(
-        limits={"peak_f1": jp.Limit(1.9e6, "mean"), "damper_force": jp.Limit(800e3)}
-    )
+    limits = {"peak_f1": jp.Limit(1.9e6, "mean"), "damper_force": jp.Limit(800e3)}
+    assert wanted.objective == jp.Objective(limits=limits)
     assert (len(wanted.ensemble), given.search.fresh) == (256, 1000)
     assert given.search.options() == {"starts": 4, "iterations": 100, "key": 0}
     least = '"least demand" & demand = "peak_x1" & # over -> over = 0.1'
@@ -53,13 +52,14 @@ def test_the_example_and_goals_in_words_of_the_library(write):
         assert read(write(f"{SMALL} & goal = {changes}"))[1].objective.goal == goal
 
 
+class StoppedError(BaseException):
+    """As an interrupt, of this test."""
+
+
 def test_a_stopped_design_goes_on_and_is_written(write, tmp_path, monkeypatch):
     """Without --save, and before twenty iterations: those of a row may take minutes."""
     record = shake(tmp_path / "shake.csv", 300)
     path, out = write(SMALL), tmp_path / "out"
-
-    class StoppedError(BaseException):
-        pass
 
     def stop_at_once(*_, **__):
         raise StoppedError
@@ -110,9 +110,8 @@ def test_a_stopped_design_goes_on_and_is_written(write, tmp_path, monkeypatch):
         own = getattr(buildings.structures, rod) if rod else buildings.structures
         assert getattr(own, field) == pytest.approx(row["after"])
     assert buildings.structures.mass_ratio == pytest.approx(nominal.mass_ratio)
-    assert buildings.structures.friction * buildings.scales.force == pytest.approx(
-        force["reached"], rel=2e-3
-    )
+    slip_force = buildings.structures.friction * buildings.scales.force
+    assert slip_force == pytest.approx(force["reached"], rel=2e-3)
     assert_page_says(page_of(out), answers, buildings)
     assert is_figure(out / "convergence.png")
 
@@ -122,10 +121,8 @@ def assert_page_says(page, answers, buildings):
     answer, rods, limits, *compared, recorded = tables(page)
     nominal, _ = read(None)
     first, second, force, gap = nominal.scales.buildings(nominal.structures)
-    expected = [
-        ("slip force of the damper", "N", force, buildings.damper.friction_force),
-        ("gap at rest", "m", gap, buildings.gap),
-    ]
+    expected = [("slip force of the damper", "N", force, buildings.damper.friction_force)]
+    expected.append(("gap at rest", "m", gap, buildings.gap))
     models = [side.shear().storeys[0] for side in (buildings.building_1, buildings.building_2)]
     for i, pair in enumerate(zip((first, second), models, strict=True), 1):
         for name, unit, factor in (("natural_period", "s", 1), ("damping_ratio", "%", 100)):

@@ -114,7 +114,6 @@ duration = 0.001 => [run] duration = 0.001 s must be between 2 and
 dt = 5.0 => [run] dt = 5 s must be positive and below the stability limit
 samples = 0 => [study] samples = 0 must be from 1 to
 sampling = "halton" => [study] sampling = "halton" must be one of "plain", "sobol"
-[damper] -> [dampers] => unknown key 'dampers'; did you mean 'damper'?
 periods = {uniform = [1e-6, 2e-6]} => [earthquakes] periods = {uniform = [1e-06, 2e-06]} reaches
     1e-06 s; it must stay between 0.001 and 60 s
 periods = {uniform = [-2, -1]} => reaches -2 s; it must stay between 0.001
@@ -193,9 +192,6 @@ peak_f1 -> peak_contact = 1e6 => [limits] peak_contact must not be given without
     what they have
 [contact] ; law = 'newton' ; restitution = 0.65 & goal = "pounding probability"
     => [objective] goal = "pounding probability" must not be given with a law of [contact]
-[contact] ; law = 'newton' ; restitution = 0.65 & friction = { -> "contact.stiffness" = {low =
-    0.5, high = 2.0} => [variables] contact.stiffness must be a parameter of the law of contact,
-    which has re
 [contact] ; law = 'newton' ; restitution = 0.65 & friction = { -> contact.restitution = {low =
     0.5, high = 2.0} => [variables] contact.restitution: high = 1.3 must be at most 1
 starts = 0 => [search] starts = 0 must be from 1 to

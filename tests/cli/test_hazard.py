@@ -34,8 +34,8 @@ STUDY += "gap_probabilities = [0.1, 0.02]\n"
 
 
 def of_file(site):
-    """The example with a file in the place of points."""
-    of_curve = f'file = "curve.csv"\n{f"site = {site}" if site else ""}\n'
+    """The example with a file in the place of points, and a line for its site."""
+    of_curve = f'file = "curve.csv"\n{site}\n'
     return re.sub(r"(?s)intensity = .*?measure[^\n]*", of_curve, EXAMPLE, count=1)
 
 
@@ -134,16 +134,15 @@ def test_without_errors_there_is_no_interval_and_probabilities_are_told_of_once(
 @pytest.mark.usefixtures("without_pictures")
 def test_a_file_of_openquake(folder):
     for site, share in ((1, 0.2), (2, 0.1)):
-        _, answers = told(folder, of_file(site))
+        _, answers = told(folder, of_file(f"site = {site}"))
         assert answers["measure"] == "PGA (g)"
         assert answers["hazard"]["annual_rate"][1] == pytest.approx(-np.log1p(-share) / 50)
 
 
 def test_a_study_of_si_units_meets_a_hazard_in_g(folder):
     screen, answers = told(folder, of_study())
-    study = jp.Study.open(folder / "study")
+    study, given = jp.Study.open(folder / "study"), answers["hazard"]
     curve = jp.fit_fragility(study["pga"] / STANDARD_GRAVITY, study.pounding(0.04) == 1)
-    given = answers["hazard"]
     points = [np.array(given[key]) for key in ("intensity", "annual_rate")]
     rate = jp.HazardCurve(*points).annual_rate_of(curve)
     assert answers["fragility"]["median"] == pytest.approx(curve.median, rel=1e-6)
@@ -255,6 +254,5 @@ CASES += [
 
 @pytest.mark.parametrize(("text", "words"), CASES)
 def test_wrong_input_is_named(text, words, drawn, capsys):
-    path = drawn / "wrong.toml"
-    path.write_text(text)
-    assert words in refusal(capsys, "hazard", path, "--out", drawn / "nothing")
+    (drawn / "wrong.toml").write_text(text)
+    assert words in refusal(capsys, "hazard", drawn / "wrong.toml", "--out", drawn / "nothing")

@@ -90,6 +90,7 @@ def with_inerter():
 
 POLYMER = jp.Rod(jp.ZenerRod(0.6, 0.01, 0.3), 4e6)
 TUNED_INERTER = "tuned_mass = {inertance_ratio = 0.05, damping_ratio = 0.1"
+TUNED = "tuned_mass = {mass_ratio = 0.05, damping_ratio = 0.1}"
 FORMS = {
     "two faces": (ISOLATED + STOREYS + LINK, of_two_faces()),
     "lead rubber": (STOREYS + LEAD_WALL, one(*lead_rubber())),
@@ -99,10 +100,7 @@ FORMS = {
         f"{STOREYS}{STOREYS}{LEAD_WALL.replace('0.3', '2').replace('wall', 'height = 1.5, wall')}",
         ((FRAME, lead_rubber(height=1.5)[0]), lead_rubber(gap=2.0, number=1)[1]),
     ),
-    "tuned mass": (
-        f"{STOREYS}tuned_mass = {{mass_ratio = 0.05, damping_ratio = 0.1}}",
-        one(jp.tuned_mass_damper(FRAME, 0.05, damping_ratio=0.1), ()),
-    ),
+    "tuned mass": (STOREYS + TUNED, one(jp.tuned_mass_damper(FRAME, 0.05, damping_ratio=0.1), ())),
     "viscoelastic": (
         f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 2\nnext_building = 1\n"
         "damper = {law = 'zener', order = 0.6, tau_f = 0.01, tau_x = 0.3, stiffness = 4e6}",
@@ -169,34 +167,28 @@ def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
 # --- parameters ---------------------------------------------------------------------------------
 
 
+PLACE, WALL = "damper's force, 1–2, floors 3–2, right", "1–ground, floor 1, left"
+SPEED, RESTITUTION = "links.0.velocity_friction.velocity", "links.3.contact.restitution"
+
+
 def test_a_key_stands_for_both_faces_and_a_damper_for_its_link():
     parameters = Parameters(layout_of(ISOLATED + STOREYS + LINK))
-    expected = {
-        "link.1.damper.force": {
-            "links.0.damper.material.force": (8e5, "N", "damper's force, 1–2, floors 3–2, right")
-        },
-        "link.1.damper.stiffness": {"links.0.damper.stiffness": (2e8, "N/m", "damper's stiffn")},
-        "link.*.velocity_friction.velocity": {
-            "links.0.velocity_friction.velocity": (0.02, "m/s", "velocity of the increase")
-        },
-        "link.1.gap": {
-            f"links.{k}.gap": (x, "m", "gap at rest, ") for k, x in ((0, 0.2), (1, 0.1))
-        },
-        "link.1.friction_force": {"links.0.friction": (2e4, "N", "slip force, 1–2, f")},
-        "building.*.isolation.gap": {
-            "links.3.gap": (0.3, "m", "gap at rest, 1–ground, floor 1, left")
-        },
-        "building.1.isolation.contact.restitution": {
-            "links.3.contact.restitution": (0.7, "", "restitution")
-        },
-    }
-    for key, values in expected.items():
-        assert by_path("", {key: 1}, parameters).keys() == values.keys()
-        for path, (value, unit, words) in values.items():
-            in_si, _, of_si = parameters.in_si_units(path)
-            assert (in_si, of_si) == (pytest.approx(value), unit)
-            assert parameters.in_words(path).startswith(words)
-            assert float(get(parameters.si, path)) == value
+    for key, path, value, unit, words in (
+        ("link.1.damper.force", "links.0.damper.material.force", 8e5, "N", PLACE),
+        ("link.1.damper.stiffness", "links.0.damper.stiffness", 2e8, "N/m", "damper's stiffn"),
+        ("link.*.velocity_friction.velocity", SPEED, 0.02, "m/s", "velocity of the increase"),
+        ("link.1.gap", "links.0.gap links.1.gap", (0.2, 0.1), "m", "gap at rest, "),
+        ("link.1.friction_force", "links.0.friction", 2e4, "N", "slip force, 1–2, f"),
+        ("building.*.isolation.gap", "links.3.gap", 0.3, "m", f"gap at rest, {WALL}"),
+        ("building.1.isolation.contact.restitution", RESTITUTION, 0.7, "", "restitution"),
+    ):
+        paths = path.split()
+        assert [*by_path("", {key: 1}, parameters)] == paths
+        for path_of_face, of_face in zip(paths, np.atleast_1d(value), strict=True):
+            in_si, _, of_si = parameters.in_si_units(path_of_face)
+            assert (in_si, of_si) == (pytest.approx(of_face), unit)
+            assert parameters.in_words(path_of_face).startswith(words)
+            assert float(get(parameters.si, path_of_face)) == of_face
     assert "building.1.storey.1.stiffness" in parameters.keys
     assert not {f"building.1.storey.1.{x}" for x in ("order", "tau_x")} & parameters.keys.keys()
 

@@ -139,8 +139,7 @@ COMMANDS = {
 def test_interrupted_while_jax_is_imported(command, tmp_path):
     """Where an exception may end in a crash of what is being loaded."""
     places = {"OUT": tmp_path / "new" / "out", "STORE": tmp_path / "store"}
-    arguments = [places.get(word, word) for word in COMMANDS[command]]
-    said = ended(command, *arguments, when="jaxlib")
+    said = ended(command, *(places.get(word, word) for word in COMMANDS[command]), when="jaxlib")
     kept = "no chunk was finished" if command == "montecarlo" else "nothing was written"
     assert said == [f"jaxpound: interrupted; {kept}"]
     assert not list(tmp_path.iterdir())

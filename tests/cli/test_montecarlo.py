@@ -50,20 +50,15 @@ def test_the_example_is_the_pair_in_si_and_rods_need_no_quotation_marks(write):
     median, ground = scenarios.realize(np.zeros(scenarios.dimension))
     for ours, theirs in zip(jax.tree.leaves(median), jax.tree.leaves(structures), strict=True):
         assert float(ours) == pytest.approx(float(theirs))
-    amplitudes = np.abs(ground.amplitude) * scales.length
-    np.testing.assert_allclose(amplitudes, 0.025)
+    np.testing.assert_allclose(np.abs(ground.amplitude) * scales.length, 0.025)
     np.testing.assert_allclose(ground.periods * scales.time, 1.0)
     np.testing.assert_allclose(ground.arrivals * scales.time, 3.5)
-    one = np.zeros(scenarios.dimension)
-    one[0] = 1.0
-    factor = scenarios.realize(one)[0].friction / structures.friction
+    factor = scenarios.realize(np.eye(scenarios.dimension)[0])[0].friction / structures.friction
     assert float(factor) == pytest.approx(np.exp(0.2))
     assert grid.dt * float(scales.time) == pytest.approx(0.6 / 50, rel=0.01)
-    how = study.study
-    assert (how.samples, how.seed, how.sampling) == (10_000, 0, "plain")
-    path = write(text=EXAMPLE.replace('"rod_1.tau_x" =', "rod_1.tau_x ="))
-    uncertain = read(path)[1].structures.uncertain
-    assert list(uncertain) == ["friction", "stiffness_ratio", "rod_1.tau_x"]
+    assert (study.study.samples, study.study.seed, study.study.sampling) == (10_000, 0, "plain")
+    bare = write(text=EXAMPLE.replace('"rod_1.tau_x" =', "rod_1.tau_x ="))
+    assert [*read(bare)[1].structures.uncertain] == ["friction", "stiffness_ratio", "rod_1.tau_x"]
 
 
 def shake(path, size, n):
@@ -106,18 +101,17 @@ def test_a_laboratory_s_models_and_towers_are_plausible(changes, write):
     assert read(write(text=f"{head}[building_2]{second}"))[2].n_steps > 100
 
 
+NOTHING = r"config.toml: nothing is random; it must have \[uncertain\]"
+OVERFLOW = rf"{TABLE} weights = \[1e\+308, 1e\+308\] must be a list of numbers between 0 and"
+
+
 @pytest.mark.parametrize(
     ("records", "rest", "says"),
     [
-        ('["one.csv"]', "\n[run]", r"config.toml: nothing is random; it must have \[uncertain\]"),
+        ('["one.csv"]', "\n[run]", NOTHING),
         ('["none.at2"]', "\n[uncertain]", f"{TABLE} records: \\S*none.at2: no such file"),
-        (
-            '["a.csv", "b.csv"]\nweights = [1e308, 1e308]',
-            "\n[uncertain]",
-            rf"{TABLE} weights = \[1e\+308, 1e\+308\] must be a list of numbers between 0 and",
-        ),
+        ('["a.csv", "b.csv"]\nweights = [1e308, 1e308]', "\n[uncertain]", OVERFLOW),
     ],
-    ids=["nothing is random", "no record", "weights that overflow"],
 )
 def test_records_that_make_no_study_are_refused(records, rest, says, write, tmp_path, capsys):
     shake(tmp_path / "one.csv", 0.1, 80)
@@ -161,16 +155,14 @@ def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_p
     for name, row in answers["demands"].items():
         (told,) = (x for x in demands if x["demand"] == in_words(name))
         assert told["unit"] == row["unit"] != ""
-        for share in ("5", "95"):
-            quantile = row[f"quantile_{float(share) / 100}"]
-            assert told[f"{share} % quantile"] == rounded(quantile)
+        for share, quantile in (("5", "0.05"), ("95", "0.95")):
+            assert told[f"{share} % quantile"] == rounded(row[f"quantile_{quantile}"])
     assert {x["unit"] for x in demands} == {"m", "s", "N", "m/s", "m/s²", "J"}
     for curve, told in zip(answers["fragility"].values(), fragility, strict=True):
         assert told["median θ"] == rounded(curve["median"])
         assert told["unit"] == curve["unit"] != ""
 
-    more = run("montecarlo", path, "--store", store, "--samples", 50)
-    assert "Study of 50 scenarios" in more
+    assert "Study of 50 scenarios" in run("montecarlo", path, "--store", store, "--samples", 50)
 
 
 def test_a_study_with_contact_and_its_report(write, tmp_path):

@@ -15,7 +15,16 @@ from jaxpound.cli import rare
 from jaxpound.cli.files import example
 from jaxpound.cli.reading import File
 from jaxpound.simulation.rollout import POSITIONS, observed_at
-from tests.cli.commands import changed, csv_rows, number, refusal, run, summary, tables
+from tests.cli.commands import (
+    changed,
+    csv_rows,
+    example_pair,
+    number,
+    refusal,
+    run,
+    summary,
+    tables,
+)
 from tests.reliability.test_subset import stopped
 
 EXAMPLE, ROW = example("rare"), example("rare", "row")
@@ -40,9 +49,7 @@ def test_the_probability_is_that_of_plain_runs_and_told_in_newtons(done):
     """Of the same scenarios from the library, in units of the dimensionless system."""
     screen, _, folder = done
     answers = summary(folder / "out")
-    left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
-    right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
-    pair, scales = jp.dimensionless(left, right, friction_force=200e3, gap=0.2)
+    pair, scales = example_pair(friction_force=200e3, gap=0.2)
     second = float(scales.frequency)
     soil, envelope = jp.KanaiTajimi(2 * np.pi / second, 0.6), jp.GammaEnvelope(3.0 * second, 2.0)
     noise = jp.FilteredNoise(soil, 121, 0.05 * second, envelope=envelope, intensity=0.08)
@@ -63,12 +70,12 @@ def test_the_probability_is_that_of_plain_runs_and_told_in_newtons(done):
     ground = scales.to_dimensionless(record)
     *_, closing = observed_at(POSITIONS, pair, ground, grid, jp.Scheme(), at)
     assert float(closing * scales.length) == pytest.approx(0.09, rel=0.02)
-    out = done[-1] / "out"
+    out = folder / "out"
     figures = {"design_earthquake.png", "probability.png"}
     told = {"summary.json", "summary.md", "curve.csv", "design_earthquake.csv"}
     assert {path.name for path in out.iterdir()} == figures | told
     assert all(imread(out / name).shape[1] == 1062 for name in figures)
-    answers, rows = summary(out), csv_rows(out / "curve.csv")
+    rows = csv_rows(out / "curve.csv")
     assert [float(row["threshold"]) for row in rows] == pytest.approx([0.07, 0.09])
     assert float(rows[0]["probability"]) > float(rows[1]["probability"])
     assert float(rows[1]["probability"]) == answers["probability"]
@@ -76,7 +83,7 @@ def test_the_probability_is_that_of_plain_runs_and_told_in_newtons(done):
     for row, written in zip(of_curve, rows, strict=True):
         assert number(row["probability"]) == pytest.approx(float(written["probability"]), rel=1e-3)
     assert len(of_design) == len(answers["design"]["steps"])
-    design = summary(done[-1] / "out")["design"]
+    design = answers["design"]
     first, last = design["steps"][0], design["steps"][-1]
     assert (design["parameter"], design["unit"], design["before"]) == ("friction", "N", 200e3)
     assert first["value"] == pytest.approx(200e3)

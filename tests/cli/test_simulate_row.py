@@ -91,7 +91,7 @@ def test_series_have_all_floors_and_the_envelope_their_peaks(of_example):
 
 
 def test_every_figure_is_drawn_and_what_a_row_lacks_is_not_told(of_example):
-    screen, out, _, _ = of_example
+    screen, out, *_ = of_example
     figures = {path.stem for path in out.glob("*.png")}
     assert figures == {
         *("overview", "row", "envelopes", "gap_map", "ground_motion", "displacements", "gap"),
