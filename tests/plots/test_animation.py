@@ -56,7 +56,9 @@ def test_columns_are_red_from_the_first_yield_of_their_storey_on(response, ax):
         assert drawn == [COLOURS["structure 1"]] * 2 + [COLOURS[colour]] * 2
 
 
-def test_a_player_and_a_file_have_every_frame(response, tmp_path):
+def test_a_player_and_a_file_have_every_frame_and_of_a_row_its_map_of_gaps(
+    response, tmp_path, moved
+):
     moving = animate(response, frames=3, seconds=0.6)
     page = moving.to_jshtml()
     assert page.count("data:image/png;base64") == 3
@@ -67,6 +69,21 @@ def test_a_player_and_a_file_have_every_frame(response, tmp_path):
     with Image.open(tmp_path / "run.gif") as file:
         assert file.n_frames == 3
         assert file.info["duration"] == 200
+
+    def axes_of(film):
+        film.to_jshtml()
+        return [ax for ax in film._fig.axes if ax.axison]
+
+    free = row_response(row_of((3, 1)), TIME, lambda i, t: np.sin(t + i))
+    for run, expected in (
+        (moved, ["displacement", "", "gap"]),  # the map has its colour bar
+        (free, ["ground", "displacement"]),
+    ):
+        axes = axes_of(animate(run, frames=2))
+        assert [ax.get_ylabel().partition(" ")[0] for ax in axes] == expected
+    both = animate({"a": moved, "b": moved}, frames=2, elevations=[[3, 6, 9], [3, 6], [4]])
+    images = [ax.images[0] for ax in axes_of(both) if ax.images and ax.get_xlabel()]
+    assert len({image.get_clim() for image in images}) == 1
 
 
 def test_wrong_arguments_are_refused(response, moved):
@@ -80,21 +97,21 @@ def test_wrong_arguments_are_refused(response, moved):
     within = "must be within the run, from 0 to 20"
     floors = "the run must be of shear buildings: floors"
     one = {"ax": Figure().add_subplot(), "elevations": [[3, 6, 9]]}
-    for draw, arguments, options, message in (
-        (animate, (response,), {"frames": 1}, r"frames = 1, seconds = 10.0 must be"),
-        (animate, (response,), {"seconds": -1}, "seconds = -1"),
-        (animate, (batch,), {}, r"animate: a batch of shape \(2, 1001\)"),
-        (still, (response, 99.0), {}, within),
-        (still, (response, np.nan), {}, within),
-        (still, (lost, 0.0), {}, "still: the run is invalid"),
-        (animate, (three,), {}, f"^animate: {floors}"),
-        (still, (three, 0.0), {}, f"^still: {floors}"),
-        (animate, (far,), {}, "animate: the gap must be finite"),
-        (animate, ({"long": response, "short": short},), {}, "must be on the same grid"),
-        (animate, ({},), {}, "animate: responses must hold at least one run"),
-        (still, (moved, 1.0), one, "still: elevations, 1 of them, must be one for each"),
+    for message, draw, *arguments in (
+        (r"animate: a batch of shape \(2, 1001\)", animate, batch),
+        (within, still, response, 99.0),
+        (within, still, response, np.nan),
+        ("still: the run is invalid", still, lost, 0.0),
+        (f"^animate: {floors}", animate, three),
+        (f"^still: {floors}", still, three, 0.0),
+        ("animate: the gap must be finite", animate, far),
+        ("must be on the same grid", animate, {"long": response, "short": short}),
+        ("animate: responses must hold at least one run", animate, {}),
     ):
-        refused(message, draw, *arguments, **options)
+        refused(message, draw, *arguments)
+    refused("frames = 1, seconds = 10.0 must be", animate, response, frames=1)
+    refused("seconds = -1", animate, response, seconds=-1)
+    refused("still: elevations, 1 of them, must be one for each", still, moved, 1.0, **one)
 
 
 def test_several_runs_move_side_by_side_to_one_scale(response):
@@ -158,12 +175,11 @@ BETWEEN = (
 @pytest.fixture(scope="module")
 def moved():
     """Three buildings of 3, 2 and 1 floors, of which nothing made the motion."""
-    return row_response(
-        row_of((3, 2, 1), BETWEEN), TIME, lambda i, t: 0.1 * (i + 1) * np.sin((1 + 0.2 * i) * t)
-    )
+    row = row_of((3, 2, 1), BETWEEN)
+    return row_response(row, TIME, lambda i, t: 0.1 * (i + 1) * np.sin((1 + 0.2 * i) * t))
 
 
-def test_floors_of_a_row_are_as_far_apart_as_their_gaps(moved, ax):
+def test_floors_of_a_row_are_as_far_apart_as_their_gaps_and_contacts_flash(moved, ax):
     scene = Scene(moved, ax)
     scene.show(0)
     rest = np.array(blocks(ax))
@@ -178,9 +194,7 @@ def test_floors_of_a_row_are_as_far_apart_as_their_gaps(moved, ax):
         feet = [line.get_data() for line in ax.lines[:2]]  # columns of the lowest floor
         assert all(y[0] == 0 and y[-1] > 0 for _, y in feet)
         assert feet[0][0][-1] - feet[0][0][0] == pytest.approx(float(moved.masses[0].x[i]))
-
-
-def test_contacts_of_a_row_flash_and_are_counted(moved, ax):
+    ax.clear()
     scene = Scene(moved, ax)
     seen = set()
     for i, time in enumerate(TIME):
@@ -195,21 +209,3 @@ def test_contacts_of_a_row_flash_and_are_counted(moved, ax):
             assert star.get_visible() == bool(begun)
             seen |= {k} if begun else set()
     assert seen == {1, 2}
-
-
-def axes_of(film):
-    film.to_jshtml()
-    return [ax for ax in film._fig.axes if ax.axison]
-
-
-def test_a_row_is_animated_with_its_displacements_and_the_map_of_its_gaps(moved):
-    free = row_response(row_of((3, 1)), TIME, lambda i, t: np.sin(t + i))
-    for run, expected in (
-        (moved, ["displacement", "", "gap"]),  # the map has its colour bar
-        (free, ["ground", "displacement"]),
-    ):
-        axes = axes_of(animate(run, frames=2))
-        assert [ax.get_ylabel().partition(" ")[0] for ax in axes] == expected
-    both = animate({"a": moved, "b": moved}, frames=2, elevations=[[3, 6, 9], [3, 6], [4]])
-    images = [ax.images[0] for ax in axes_of(both) if ax.images and ax.get_xlabel()]
-    assert len({image.get_clim() for image in images}) == 1

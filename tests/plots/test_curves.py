@@ -76,7 +76,7 @@ def test_every_mass_rod_and_link_is_drawn_over_time(draw, what, series, y, ax):
     assert len({line.get_color() for line in ax.lines}) == len(elements)
 
 
-def test_rods_and_links_are_drawn_over_their_own_elongation_and_slip(ax):
+def test_rods_and_links_are_drawn_over_their_elongation_and_slip_and_gaps_over_time(ax):
     plots.rod_hysteresis(response(), ax)
     assert ax.get_xlabel().startswith("elongation")
     elongations = X[0], X[1] - X[0], X[2], -X[3]
@@ -87,9 +87,7 @@ def test_rods_and_links_are_drawn_over_their_own_elongation_and_slip(ax):
     for name, slip in zip(NAMES["link"], (X[1] - X[2], X[0], X[2] - X[3]), strict=True):
         np.testing.assert_array_equal(drawn(ax)[name][0], slip)
     assert ax.get_xlabel().startswith("slip $x_i - x_j$")
-
-
-def test_the_gap_of_every_link_that_has_one_is_drawn(ax):
+    ax.clear()
     run = response()
     plots.gap(run, ax)
     assert list(drawn(ax)) == NAMES["link"][::2]
@@ -101,7 +99,7 @@ def test_the_gap_of_every_link_that_has_one_is_drawn(ax):
     assert sum(np.size(line.get_ydata()) == 5 for line in both.lines) == 3
 
 
-def test_runs_without_links_or_gaps_are_valid(ax):
+def test_runs_and_batches_without_links_or_gaps_are_valid(ax):
     free, open_ = response(()), response(LINKS[1:2])
     assert len(free.plot().axes) == 2
     assert len(open_.plot().axes) == 3
@@ -110,25 +108,11 @@ def test_runs_without_links_or_gaps_are_valid(ax):
         refused(f"{draw.__name__}: response must have a link", draw, free, ax)
     for run in (free, open_):
         refused("gap: response must have a link with a finite gap", plots.gap, run, ax)
-
-
-def test_a_batch_some_of_whose_runs_have_a_gap_is_drawn(ax):
     runs = response(LINKS[:1]), response([dataclasses.replace(LINKS[0], gap=np.inf)])
-    batch = jax.tree.map(lambda *x: np.stack(x), *runs)
-    plots.gap(batch, ax)
+    ax.clear()
+    plots.gap(jax.tree.map(lambda *x: np.stack(x), *runs), ax)
     assert np.isfinite(ax.get_ylim()).all()
-    assert f"{float(runs[0].min_gap):.4g}" in ax.get_legend().texts[0].get_text()
-
-
-def test_many_masses_have_colours_of_their_own_and_a_narrow_legend(ax):
-    run = response()
-    plots.displacements(dataclasses.replace(run, masses=run.masses * 5), ax)
-    assert len({line.get_color() for line in ax.lines}) == 20
-    run = linked((4, 3, 4), ())
-    for width in (2.2, 3.54, 7.0):
-        ax = Figure(figsize=(width, 2.4), layout="constrained").add_subplot()
-        plots.displacements(run, ax).figure.draw_without_rendering()
-        assert ax.get_legend().get_window_extent().x0 > ax.get_window_extent().x0 - 1
+    assert f"{float(runs[0].min_gap):.4g}" in legend(ax)[0]
 
 
 def test_a_pair_is_known_by_its_topology():
@@ -138,7 +122,16 @@ def test_a_pair_is_known_by_its_topology():
     assert [is_pair(run) for run in (pair, *others)] == [True, False, False, False]
 
 
-def test_of_many_floors_only_the_buildings_are_named(ax):
+def test_many_masses_have_colours_and_a_narrow_legend_that_names_their_buildings(ax):
+    run = response()
+    plots.displacements(dataclasses.replace(run, masses=run.masses * 5), ax)
+    assert len({line.get_color() for line in ax.lines}) == 20
+    run = linked((4, 3, 4), ())
+    for width in (2.2, 3.54, 7.0):
+        ax = Figure(figsize=(width, 2.4), layout="constrained").add_subplot()
+        plots.displacements(run, ax).figure.draw_without_rendering()
+        assert ax.get_legend().get_window_extent().x0 > ax.get_window_extent().x0 - 1
+
     run = linked((4, 3), displacement=lambda i, t: 0.1 * i * np.sin(t))
     for draw in (plots.displacements, plots.rod_forces, plots.rod_hysteresis):
         each = draw(run, Figure().add_subplot())
@@ -146,11 +139,10 @@ def test_of_many_floors_only_the_buildings_are_named(ax):
         assert len({line.get_color() for line in each.lines}) == 7
         tops = [each.lines[i].get_color() for i in (3, 6)]
         assert tops == [plots.COLOURS[f"structure {b}"].lower() for b in (1, 2)]
-    plots.friction_force(run, ax)
-    assert "1–2, floor 3" in legend(ax)
+    assert "1–2, floor 3" in legend(plots.friction_force(run, Figure().add_subplot()))
 
 
-def test_of_many_links_those_between_the_same_buildings_have_one_name(ax):
+def test_many_links_share_names_and_those_without_a_damper_have_no_friction(ax):
     run = linked((3, 3, 2))
     plots.friction_force(run, ax)
     assert legend(ax) == ["1–2", "2–3"]
@@ -164,24 +156,16 @@ def test_of_many_links_those_between_the_same_buildings_have_one_name(ax):
     ax.clear()
     plots.friction_force(linked((3, 3), (first, within, *others, to_ground)), ax)
     assert legend(ax) == ["in 1", "1–2", "2–ground"]
-
-
-def without_dampers(run, numbers):
-    links = [
-        dataclasses.replace(link, slip_force=0.0) if k in numbers else link
-        for k, link in enumerate(run.links)
-    ]
-    return dataclasses.replace(run, links=tuple(links))
-
-
-def test_of_links_without_a_damper_nothing_speaks_of_friction(ax):
+    ax.clear()
     run = linked((2, 2), displacement=lambda i, t: i**2 * np.sin(t))
-    plots.friction_force(without_dampers(run, [0]), ax)
+    bare = [dataclasses.replace(link, slip_force=0.0) for link in run.links]
+    half = dataclasses.replace(run, links=(bare[0], run.links[1]))
+    plots.friction_force(half, ax)
     (line,) = ax.lines
     assert line.get_label() == "1–2, floor 2"
-    (loop,) = plots.friction_hysteresis(without_dampers(run, [0])).lines
+    (loop,) = plots.friction_hysteresis(half).lines
     np.testing.assert_array_equal(loop.get_ydata(), run.links[1].friction)
-    free = without_dampers(run, [0, 1])
+    free = dataclasses.replace(run, links=tuple(bare))
     assert len(free.plot().axes) == len(run.plot().axes) - 1
     assert "friction" not in legend(plots.energy(free))
     assert "damper" not in str(free)

@@ -20,11 +20,11 @@ def limited(stand_in):
 
 def test_convergence_has_a_line_for_every_start(limited, ax, legible):
     assert plots.convergence(limited, ax) is ax
-    named = [line for line in ax.lines if line.get_label() == "winner"]
+    (named,) = (line for line in ax.lines if line.get_label() == "winner")
     history, winner = limited.history, limited.winner
     inside = history.violation[:, winner] <= 1e-3
     expected = np.where(inside, history.objective[:, winner], np.nan)
-    np.testing.assert_array_equal(named[0].get_ydata(), expected)
+    np.testing.assert_array_equal(named.get_ydata(), expected)
     assert len(ax.lines) == 2 * 3 + 2
     assert legend(ax) == ["winner", "other starts", "thin: limit exceeded"]
     legible(ax.figure, ax.get_legend().texts)
@@ -56,7 +56,7 @@ def test_landscape_has_the_path_and_the_design_within_its_limit(limited, ax):
     assert any(path.contains_point((1.2 * friction, ratio)) for path in paths)
 
 
-def test_before_and_after_are_distributions(stand_in, ax):
+def test_before_and_after_are_distributions_and_a_front_its_prices_and_objectives(stand_in, ax):
     found = search(iterations=40)
     plots.before_and_after(found.trained, ax)
     for line, when in zip(ax.lines, (found.trained.before, found.trained.after), strict=True):
@@ -67,10 +67,18 @@ def test_before_and_after_are_distributions(stand_in, ax):
     ax.clear()
     plots.before_and_after(search(iterations=40).trained, ax)
     assert any(label.startswith("pounding") for label in ax.get_legend_handles_labels()[1])
+    ax.clear()
+    more = {"price": "damper_force", "limits": [0.5, 0.3], "starts": 2, "iterations": 40}
+    front = jp.pareto_front(SPACE, ENSEMBLE, GRID, **more)
+    plots.pareto(front, ax)
+    x, y = ax.lines[0].get_data()
+    np.testing.assert_array_equal(x, front.prices)
+    np.testing.assert_array_equal(y, front.objectives)
+    assert ax.get_xlabel() == "slip force, mean ($m_1 g$)"
 
 
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
-def test_units_are_those_of_the_design(stand_in, ax):
+def test_units_are_those_of_the_design_and_its_buildings(stand_in, ax):
     in_si = search(iterations=3, scales=jp.Scales(mass=500e3, frequency=7.0))
     probable = search(jp.Objective(jp.PoundingProbability(1.0)), iterations=3)
     for design, label in ((in_si, "objective (m)"), (probable, "objective")):
@@ -79,16 +87,16 @@ def test_units_are_those_of_the_design(stand_in, ax):
     ax.clear()
     plots.before_and_after(in_si.trained, ax, "damper_force")
     assert ax.get_xlabel() == "slip force (N)"
-
-
-def test_a_front_is_its_prices_and_objectives(stand_in, ax):
-    more = {"price": "damper_force", "limits": [0.5, 0.3], "starts": 2, "iterations": 40}
-    front = jp.pareto_front(SPACE, ENSEMBLE, GRID, **more)
-    plots.pareto(front, ax)
-    x, y = ax.lines[0].get_data()
-    np.testing.assert_array_equal(x, front.prices)
-    np.testing.assert_array_equal(y, front.objectives)
-    assert ax.get_xlabel() == "slip force, mean ($m_1 g$)"
+    blocks = [jp.Building.from_period(5e5, period, 0.05) for period in (0.9, 0.6)]
+    pair = jp.Buildings(tuple(blocks), (jp.FloorLink(0, 0, friction=1e5, gap=0.05),))
+    bounds = {"links.0.friction": (0.0, 400e3), "links.0.gap": (0.02, 0.2)}
+    space = jp.DesignSpace(pair, bounds)
+    for where, name, high, expected in (
+        (space, "links.0.friction", 400e3, (1e-3, "link 1: friction (kN)")),
+        (space, "links.0.gap", 0.2, (1.0, "link 1: gap at rest (m)")),
+        (SPACE, "friction", 1.0, (1.0, r"friction $\mu$")),
+    ):
+        assert plots._variable_axis(SimpleNamespace(space=where), name, high) == expected
 
 
 def test_tornado_has_the_largest_on_top(ax):
@@ -99,14 +107,3 @@ def test_tornado_has_the_largest_on_top(ax):
     assert widths == sorted(found.values.values(), key=abs)
     assert ax.get_yticklabels()[-1].get_text() == r"gap at rest $\xi_0$"
     assert ax.get_xlabel() == "% of min gap $\\xi$\nper % of the parameter"
-
-
-def test_variables_of_buildings_have_their_units():
-    blocks = [jp.Building.from_period(5e5, period, 0.05) for period in (0.9, 0.6)]
-    pair = jp.Buildings(tuple(blocks), (jp.FloorLink(0, 0, friction=1e5, gap=0.05),))
-    bounds = {"links.0.friction": (0.0, 400e3), "links.0.gap": (0.02, 0.2)}
-    design = SimpleNamespace(space=jp.DesignSpace(pair, bounds))
-    axes = [plots._variable_axis(design, name, high) for name, (_, high) in bounds.items()]
-    assert axes == [(1e-3, "link 1: friction (kN)"), (1.0, "link 1: gap at rest (m)")]
-    design = SimpleNamespace(space=SPACE)
-    assert plots._variable_axis(design, "friction", 1.0) == (1.0, r"friction $\mu$")

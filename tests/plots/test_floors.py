@@ -1,6 +1,7 @@
 """Figures over height: each value stands at its floor or over its storey, in the unit named."""
 
 import dataclasses
+from functools import partial
 
 import jax
 import numpy as np
@@ -26,7 +27,10 @@ def floors(n, building=0, contact=True, si=True):
     return FloorDemands(building=building, masses=tuple(range(n)), **values, si=si)
 
 
-def test_a_floor_s_demand_stands_at_its_height(ax):
+TOUCHING = {"contact_left": np.array([7.0, 0.0, 1.0]), "contact_right": np.array([2.0, 0.0, 5.0])}
+
+
+def test_demands_of_a_floor_stand_where_they_are(ax):
     plots.envelope(floors(3), "acceleration", [3.0, 6.5, 10.0], ax)
     (line,) = ax.lines
     in_g = np.array([3.0, 3.1, 3.2]) / STANDARD_GRAVITY
@@ -34,28 +38,21 @@ def test_a_floor_s_demand_stands_at_its_height(ax):
     assert line.get_color() == COLOURS["structure 1"]
     assert ax.get_xlabel() == "absolute acceleration\npeak $|a|$ ($g$)"
     assert ax.get_ylabel() == "height (m)"
-
-
-TOUCHING = {"contact_left": np.array([7.0, 0.0, 1.0]), "contact_right": np.array([2.0, 0.0, 5.0])}
-
-
-@pytest.mark.parametrize(
-    ("demands", "quantity", "elevations", "points"),
-    [
-        # Zero at the ground; constant over a storey; the larger of both sides, where it acts.
+    touching = dataclasses.replace(floors(3), **TOUCHING)
+    # Zero at the ground; constant over a storey; the larger of both sides, where it acts.
+    for demands, quantity, elevations, points in (
         (floors(2), "displacement", None, [(0, 0), (1.0, 1), (1.1, 2)]),
         (floors(2), "drift", [3.0, 7.0], [(2.0, 0), (2.0, 3), (2.1, 3), (2.1, 7)]),
         (floors(2), "shear", [3.0, 7.0], [(4.0, 0), (4.0, 3), (4.1, 3), (4.1, 7)]),
-        (dataclasses.replace(floors(3), **TOUCHING), "contact", None, [(7.0, 1.0), (5.0, 3.0)]),
-    ],
-)
-def test_other_demands_stand_where_they_are(demands, quantity, elevations, points, ax):
-    plots.envelope(demands, quantity, elevations, ax)
-    np.testing.assert_array_equal(ax.lines[0].get_xydata(), points)
-    assert ax.get_ylabel() == ("floor" if elevations is None else "height (m)")
+        (touching, "contact", None, [(7.0, 1.0), (5.0, 3.0)]),
+    ):
+        ax.clear()
+        plots.envelope(demands, quantity, elevations, ax)
+        np.testing.assert_array_equal(ax.lines[0].get_xydata(), points)
+        assert ax.get_ylabel() == ("floor" if elevations is None else "height (m)")
 
 
-def test_a_batch_is_a_median_and_a_band_of_its_valid_runs(ax):
+def test_a_batch_is_a_median_and_a_band_and_forces_are_in_the_unit_of_their_label(ax):
     rng = np.random.default_rng(1)
     runs = jax.tree.map(lambda x: x * rng.lognormal(size=(2, 20, 1)), floors(2))
     broken = jax.tree.map(lambda x: np.concatenate([x, np.full((2, 1, 2), np.nan)], 1), runs)
@@ -67,11 +64,8 @@ def test_a_batch_is_a_median_and_a_band_of_its_valid_runs(ax):
     corners = band.get_paths()[0].vertices[:, 0]
     assert corners.min() == pytest.approx(low.min())
     assert corners.max() == pytest.approx(high.max())
-    assert ax.get_xlim()[0] == 0
-    assert ax.get_xlim()[1] > high.max()
-
-
-def test_forces_are_drawn_in_the_unit_they_are_labelled_with(ax):
+    assert 0 == ax.get_xlim()[0] < high.max() < ax.get_xlim()[1]
+    ax.clear()
     strong = dataclasses.replace(floors(2), shear=np.array([3e6, 2e6]))
     plots.envelope(strong, "shear", ax=ax)
     assert ax.get_xlabel().endswith("(kN)")
@@ -81,7 +75,7 @@ def test_forces_are_drawn_in_the_unit_they_are_labelled_with(ax):
     assert dimensionless.get_xlabel().endswith("($m_1 g$)")
 
 
-def test_envelopes_have_a_row_for_each_building_and_a_scale_for_each_quantity():
+def test_envelopes_have_a_row_for_each_building_and_runs_are_compared_by_name():
     figure = plots.envelopes((floors(4), floors(2, 1), floors(3, 2)), labels=["a", "b", "c"])
     panels = np.reshape(figure.axes, (3, 5))
     for row, name, colour in zip(panels, "abc", ("structure 1", "structure 2", None), strict=True):
@@ -95,9 +89,6 @@ def test_envelopes_have_a_row_for_each_building_and_a_scale_for_each_quantity():
     without = plots.envelopes((floors(4, contact=False), floors(2, 1, contact=False)))
     assert len(without.axes) == 8
     assert without.axes[4].get_ylabel() == "building 2\nfloor"
-
-
-def test_runs_are_compared_by_name():
     runs = {name: (floors(3), floors(2, 1)) for name in ("without", "with")}
     figure = plots.envelopes(runs, [[3.0, 6.0, 9.0], [4.0, 8.0]])
     assert [text.get_text() for text in figure.legends[0].texts] == list(runs)
@@ -146,18 +137,13 @@ def test_no_label_touches_another(n_floors, legible):
 
 ONE, TWO = floors(1), floors(2)
 LOST = jax.tree.map(lambda x: x * np.nan, TWO)
-AT, UP = "envelope: elevations", "from the lowest up"
-OF_FLOORS = "must be the heights of 2 floors above the ground"
+AT, OF_FLOORS = "envelope: elevations", "must be the heights of 2 floors above the ground"
 BUILDINGS = "floors to be compared must be of the same buildings"
 LAST = r"envelopes: elevations\[1\] = \[nan\] must be the heights of 1 floor above"
-UNITS = "all in SI units or all dimensionless"
 ROD = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), 5.0)
 
 
-def at_heights(elevations):
-    return plots.envelope(TWO, elevations=elevations)
-
-
+at_heights = partial(plots.envelope, TWO, "drift")
 test_wrong_arguments_are_refused = refusals(
     (plots.envelopes, {}, "envelopes: floors must hold at least one run"),
     (plots.envelopes, (), r"envelopes: floors = \(\) must hold at least one building"),
@@ -165,14 +151,14 @@ test_wrong_arguments_are_refused = refusals(
     (plots.envelope, 3, "envelope: floors = 3 must be of type FloorDemands"),
     (plots.envelope, TWO, "drfit", "quantity = 'drfit' must be .*drift"),
     (at_heights, [6.0, 3.0], rf"{AT} = \[6.0, 3.0\] {OF_FLOORS}"),
-    (at_heights, [3.0, np.inf], rf"{AT} = \[3.0, inf\] must be .*, finite, {UP}"),
+    (at_heights, [3.0, np.inf], rf"{AT} = \[3.0, inf\] must be .*, finite, from the lowest up"),
     (at_heights, ["3 m", "6 m"], rf"{AT} = \['3 m', '6 m'\] must be a real number"),
     (plots.envelopes, (TWO,), [[3.0], [3.0]], "elevations, 2 of them, must be"),
     (plots.envelopes, (ONE,), 3.0, "envelopes: elevations = 3.0 must be one for"),
     (plots.envelopes, (TWO, floors(1, 1)), [[3.0, 6.0], [np.nan]], LAST),
     (lambda: plots.envelopes((TWO,), labels=[]), "labels, 0 of them, must be one for"),
     (plots.envelopes, {"a": (TWO,), "b": (floors(3),)}, BUILDINGS),
-    (plots.envelope, {"a": TWO, "b": floors(2, si=False)}, UNITS),
+    (plots.envelope, {"a": TWO, "b": floors(2, si=False)}, "all in SI units or all dimensionless"),
     (plots.ductility, (TWO,), "ductility: floors must be of a building that yields"),
     (plots.envelopes, (LOST,), r"envelopes: the run is invalid \(NaN\)"),
     (plots.mode_shapes, jp.Storeys((1.0,), ROD), 0, "mode_shapes: n = 0 must be"),
@@ -180,7 +166,7 @@ test_wrong_arguments_are_refused = refusals(
 )
 
 
-def test_mode_shapes_are_those_of_the_building_with_its_top_to_the_right(ax):
+def test_mode_shapes_have_their_top_to_the_right_over_heights_or_floors(ax):
     building = jp.ShearBuilding.from_period(4, 300e3, period=0.6, damping_ratio=0.05, height=3.5)
     plots.mode_shapes(building, 2, ax)
     for line, shape in zip(ax.lines[:2], building.modes().shapes.T.real, strict=False):
@@ -189,12 +175,10 @@ def test_mode_shapes_are_those_of_the_building_with_its_top_to_the_right(ax):
     assert legend(ax)[0] == r"mode 1: $T$ = 0.6 s, $\zeta$ = 5 %"
     assert len(legend(ax)) == 2
     assert ax.get_ylabel() == "height (m)"
-
-
-def test_modes_are_over_floors_or_in_si(ax):
+    ax.clear()
     plots.mode_shapes(jp.Storeys((1.0, 1.0), ROD), ax=ax)  # of which there are two
-    assert len(ax.get_legend().texts) == 2
-    assert r"1/\omega_1" in ax.get_legend().texts[0].get_text()
+    assert len(legend(ax)) == 2
+    assert r"1/\omega_1" in legend(ax)[0]
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), [0, 1, 2])
     tall, low = (jp.ShearBuilding.from_period(n, 2e5, 0.2 * n, 0.05, height=3.0) for n in (3, 2))
     ax = plots.mode_shapes(jp.Buildings((tall, low)), 2, Figure().add_subplot())

@@ -11,27 +11,26 @@ from matplotlib.figure import Figure
 import jaxpound as jp
 from jaxpound import plots
 from tests.made import changed, pair_response, row_of, row_response
+from tests.plots.runs import LAW, legend
 from tests.refusals import refused
 
 TIME = np.linspace(0.0, 20.0, 4001)
-LAW = jp.KelvinVoigt(100.0, 0.65)
 LINKS = (
     *jp.floor_links(row_of((2, 2, 1)).buildings, gap=0.5, friction=0.1),
     jp.FloorLink(0, 1, next_building=0, friction=0.1),
 )
 
 
-def swaying(n_floors=(2, 2, 1), links=LINKS):
-    return row_response(
-        row_of(n_floors, links), TIME, lambda i, t: 0.1 * (i + 1) * np.sin((1 + 0.1 * i) * t)
-    )
+def swaying(n_floors=(2, 2, 1), links=LINKS, sway=0.1):
+    row = row_of(n_floors, links)
+    return row_response(row, TIME, lambda i, t: sway * (i + 1) * np.sin((1 + 0.1 * i) * t))
 
 
 def row_names(ax):
     return [tick.get_text() for tick in ax.get_yticklabels()]
 
 
-def test_each_link_has_its_row_and_each_pixel_the_narrowest_gap_of_its_instants(ax):
+def test_each_link_has_its_named_row_and_each_pixel_the_narrowest_gap_of_its_instants(ax):
     """By buildings, the higher above; links without a gap are left out."""
     run = swaying()
     assert plots.gap_map(run, ax) is ax
@@ -44,29 +43,8 @@ def test_each_link_has_its_row_and_each_pixel_the_narrowest_gap_of_its_instants(
         assert row.max() <= gap.max()
     assert ax.figure.axes[1].get_ylabel() == r"gap $\xi$ ($g/\omega_1^2$)"  # the colour bar
     assert ax.get_xlabel() == r"time $t$ ($1/\omega_1$)"
-
-
-def test_contacts_of_one_instant_and_newton_s_impacts_are_seen(ax):
-    run = pair_response(TIME, {"gap": np.where(np.arange(4001) == 1234, -1e-9, 1.0)})
-    plots.gap_map(run, ax)
-    (image,) = ax.images
-    closed = image.get_array()[0] <= 0
-    assert closed.sum() == 1
-    assert closed.argmax() * 20.0 / closed.size == pytest.approx(TIME[1234], abs=0.03)
-    pixel = image.cmap(image.norm(image.get_array()[0, closed.argmax()]))
-    assert pixel == pytest.approx(to_rgba(plots.COLOURS["pounding"]))
-    assert "pounding" in ax.get_legend().texts[0].get_text()
-    ax.clear()
-    links = tuple(dataclasses.replace(link, contact=LAW) for link in LINKS[:1])
-    run = row_response(row_of((2, 2, 1), links), TIME, lambda i, t: 0 * t)
-    (link,) = run.links
-    at = dataclasses.replace(link, touching=(np.arange(4001) == 700).astype(float))
-    plots.gap_map(dataclasses.replace(run, links=(at,)), ax)
-    assert (ax.images[0].get_array() < 0).sum() == 1
-    assert "contact" in ax.get_legend().texts[0].get_text()
-
-
-def test_what_links_are_between_is_told(ax):
+    ax.figure.clear()
+    ax = ax.figure.add_subplot()
     links = (
         jp.FloorLink(0, 1, 0, gap=1.0),
         jp.FloorLink(1, 0, gap=1.0, next_building=jp.GROUND),
@@ -78,6 +56,26 @@ def test_what_links_are_between_is_told(ax):
     crossed = dataclasses.replace(run, rods=run.rods[:2])  # no buildings
     ax = plots.gap_map(crossed, Figure().add_subplot())
     assert row_names(ax) == ["masses 2–3", "mass 3–ground", "masses 1–2"]
+
+
+def test_contacts_of_one_instant_and_newton_s_impacts_are_seen(ax):
+    run = pair_response(TIME, {"gap": np.where(np.arange(4001) == 1234, -1e-9, 1.0)})
+    plots.gap_map(run, ax)
+    (image,) = ax.images
+    closed = image.get_array()[0] <= 0
+    assert closed.sum() == 1
+    assert closed.argmax() * 20.0 / closed.size == pytest.approx(TIME[1234], abs=0.03)
+    pixel = image.cmap(image.norm(image.get_array()[0, closed.argmax()]))
+    assert pixel == pytest.approx(to_rgba(plots.COLOURS["pounding"]))
+    assert "pounding" in legend(ax)[0]
+    ax.clear()
+    links = tuple(dataclasses.replace(link, contact=LAW) for link in LINKS[:1])
+    run = swaying(links=links, sway=0.0)
+    (link,) = run.links
+    at = dataclasses.replace(link, touching=(np.arange(4001) == 700).astype(float))
+    plots.gap_map(dataclasses.replace(run, links=(at,)), ax)
+    assert (ax.images[0].get_array() < 0).sum() == 1
+    assert "contact" in legend(ax)[0]
 
 
 def test_wrong_arguments_are_refused(ax):

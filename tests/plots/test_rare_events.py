@@ -36,7 +36,7 @@ def event(gap, probability, state=STATE):
     )
 
 
-def test_a_design_earthquake():
+def test_a_design_earthquake_and_a_curve_of_probabilities(ax):
     """Of a gap that closes, and of an acceleration, which is in g in SI units too."""
     closes, moves = event(0.2, 1e-3), event(0.3, 1e-3, ACCELERATION)
     earthquake = closes.design_earthquakes[0]
@@ -59,9 +59,6 @@ def test_a_design_earthquake():
     assert threshold[0] == pytest.approx(0.3)
     assert below.get_ylabel() == "acceleration ($g$)"
     refused("number = 1 must be from 0 to 0", rare_events.design_earthquake, closes, 1)
-
-
-def test_a_curve_of_probabilities(ax):
     events = [event(0.4, 1e-5), event(0.2, 1e-3)]
     estimate, form = rare_events.probability_curve(events, ax).lines
     assert estimate.get_xdata().tolist() == [0.2, 0.4]

@@ -10,6 +10,7 @@ from jaxpound.plots import suites
 from jaxpound.plots.records import accelerogram, spectra
 from tests.ground.test_scaling import TARGET, scaled
 from tests.ground.test_suite import SUITE
+from tests.plots.runs import legend
 from tests.refusals import refusals
 
 TIME = np.arange(0, 10, 0.02)
@@ -17,7 +18,7 @@ RECORD = jp.Record(0.3 * np.exp(-((TIME - 4) ** 2)) * np.sin(6 * TIME), dt=0.02,
 DIMENSIONLESS = jp.Scales(mass=1e5, frequency=4.0).to_dimensionless(RECORD)
 
 
-def test_accelerogram_marks_the_peak(ax):
+def test_accelerogram_marks_the_peak_and_axes_say_the_unit_of_time(ax):
     assert accelerogram(RECORD, ax) is ax
     series, peak = ax.lines
     np.testing.assert_array_equal(series.get_ydata(), RECORD.samples)
@@ -34,9 +35,6 @@ def test_accelerogram_marks_the_peak(ax):
     np.testing.assert_allclose(acceleration, motion.acceleration(t))
     assert "(s)" in ax.get_xlabel()
     assert "(s)" in on_grid.get_xlabel()
-
-
-def test_axes_say_the_record_s_unit_of_time():
     time = accelerogram(DIMENSIONLESS, Figure().add_subplot()).get_xlabel()
     period = spectra({"a": DIMENSIONLESS}, Figure().add_subplot(), [1.0]).get_xlabel()
     assert time == r"time $t$ ($1/\omega_1$)"
@@ -56,7 +54,7 @@ test_wrong_arguments_are_named = refusals(
 )
 
 
-def test_spectra_are_the_spectral_accelerations(ax):
+def test_spectra_are_the_spectral_accelerations_with_their_mean_and_target(ax):
     periods, half = [0.3, 1.0, 2.5], jp.Record(RECORD.samples / 2, dt=0.02)
     both, options = {"whole": RECORD, "half": half}, {"damping": 0.1, "marks": {"left": 1.0}}
     assert spectra(both, ax, periods, **options) is ax
@@ -67,9 +65,6 @@ def test_spectra_are_the_spectral_accelerations(ax):
     assert mark.get_xdata()[0] == 1.0
     assert "10 %" in ax.get_ylabel()
     ax.figure.draw_without_rendering()
-
-
-def test_spectra_their_mean_and_the_target():
     found, ax = scaled((1e-3, 1e3)), Figure().add_subplot()
     assert suites.spectra(found, ax) is ax
     *records, mean, target, share = ax.lines
@@ -79,8 +74,7 @@ def test_spectra_their_mean_and_the_target():
     np.testing.assert_allclose(mean.get_ydata(), expected.mean(axis=0))
     np.testing.assert_allclose(target.get_ydata(), TARGET.at(target.get_xdata()))
     np.testing.assert_allclose(share.get_xdata()[[0, -1]], found.range)
-    names = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert names == ["3 records", "their mean", "target", "90 % of it", "period range"]
+    assert legend(ax) == ["3 records", "their mean", "target", "90 % of it", "period range"]
     ax.figure.draw_without_rendering()
     ax = suites.spectra(SUITE, Figure().add_subplot(), periods=[0.1, 0.5, 1.0], damping=0.1)
     np.testing.assert_allclose(ax.lines[0].get_ydata(), SUITE.spectra([0.1, 0.5, 1.0], 0.1)[0])

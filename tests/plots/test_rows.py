@@ -13,10 +13,8 @@ import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.system import mechanical_system
 from tests.made import STEEL, row_of
-from tests.plots.runs import legend
+from tests.plots.runs import LAW, legend
 from tests.refusals import refused
-
-LAW = jp.KelvinVoigt(100.0, 0.65)
 
 
 def linked(n_floors, braces=()):
@@ -64,21 +62,19 @@ def test_numbers_in_si_stand_between_the_columns_of_their_storey():
     assert not any(a.overlaps(b) for a, b in itertools.combinations(words.values(), 2))
 
 
-@pytest.mark.parametrize(
-    ("link", "words", "dampers", "pads"),
-    [
+def test_what_is_at_a_link_is_drawn(ax):
+    rest, orange = r"gap at rest $\xi_0$", mpl.colors.to_rgba("#E69F00")
+    for link, words, dampers, pads in (
         ({"friction": 0.1}, [r"damper, slip force $\mu$"], 1, 0),
-        ({"gap": 0.1}, [r"gap at rest $\xi_0$"], 0, 0),
-        ({"gap": 0.1, "contact": LAW}, [r"gap at rest $\xi_0$", "contact (KelvinVoigt)"], 0, 2),
+        ({"gap": 0.1}, [rest], 0, 0),
+        ({"gap": 0.1, "contact": LAW}, [rest, "contact (KelvinVoigt)"], 0, 2),
         ({}, [], 0, 0),
-    ],
-)
-def test_what_is_at_a_link_is_drawn(link, words, dampers, pads, ax):
-    plots.row(row_of((1, 1), (jp.FloorLink(0, 0, **link),)), ax=ax)
-    assert legend(ax) == words
-    assert sum(line.get_marker() == "s" for line in ax.lines) == dampers
-    orange = mpl.colors.to_rgba("#E69F00")
-    assert sum(patch.get_facecolor() == orange for patch in ax.patches) == pads
+    ):
+        ax.clear()
+        plots.row(row_of((1, 1), (jp.FloorLink(0, 0, **link),)), ax=ax)
+        assert legend(ax) == words
+        assert sum(line.get_marker() == "s" for line in ax.lines) == dampers
+        assert sum(patch.get_facecolor() == orange for patch in ax.patches) == pads
 
 
 VISCOUS = jp.Rod(jp.PowerLaw(0.4, 0.5), 5.0)
@@ -105,9 +101,7 @@ def test_walls_stand_where_gaps_to_the_ground_close_and_bearings_in_a_pit(legibl
     assert legend(ax) == says
     legible(ax.figure, [*ax.texts, *ax.get_legend().texts])
     assert ax.figure.get_figheight() < ax.figure.get_figwidth()
-
-
-def test_walls_with_soil_are_as_low_as_bearings_and_leave_storeys_their_scale(legible):
+    # Walls with soil are as low as bearings, and leave storeys their scale.
     links = tuple(jp.FloorLink(b, 0, gap=0.35, contact=LAW) for b in (0, 1))
     ax = plots.row(row_of((1, 5, 1), links), [[0.5], [0.5, 3.5, 6.5, 9.5, 12.5], [0.5]])
     ground = next(line for line in ax.lines if line.get_color() == "#000000")
@@ -121,16 +115,13 @@ def colours(ax):
     return [mpl.colors.to_rgba(colour, 0.25) for colour in ("#0072B2", "#D55E00")]
 
 
-def test_floors_stand_at_their_heights(ax):
-    elevations = [[4.0, 7.0], [3.5]]
-    plots.row(row_of((2, 1)), elevations, ax)
+def test_floors_stand_at_their_heights_and_numbers_in_si_have_units(ax):
+    plots.row(row_of((2, 1)), [[4.0, 7.0], [3.5]], ax)
     slabs = [p for p in ax.patches if isinstance(p, Rectangle) and p.get_fill() and p.get_y() > 0]
     middles = [p.get_y() + p.get_height() / 2 for p in slabs]
     np.testing.assert_allclose(middles, [4.0, 7.0, 3.5])
     assert ax.get_ylabel() == "height (m)"
-
-
-def test_the_numbers_of_buildings_in_si_have_units(ax):
+    ax.clear()
     blocks = [jp.Building.from_period(mass=m, period=0.9, damping_ratio=0.05) for m in (5e5, 4e5)]
     link = jp.FloorLink(0, 0, friction=1e5, gap=0.05)
     plots.row(jp.Buildings(tuple(blocks), (link,)), ax=ax)
@@ -149,9 +140,8 @@ def test_wrong_arguments_are_refused(ax):
         (jp.System((1.0,) * 3, rods), None, "masses must be shear buildings"),
     ):
         refused(message, plots.row, structures, elevations, ax)
-    refused(
-        "must be known and one row", jax.jit(lambda traced: plots.row(traced, ax=ax) and 0), row
-    )
+    traced = jax.jit(lambda unknown: plots.row(unknown, ax=ax) and 0)
+    refused("must be known and one row", traced, row)
     pairs = jax.tree.map(lambda x: np.array([x, x]), jp.paper.structures())
     refused("must be a single pair, not a batch", mechanical_system, pairs, ax)
 

@@ -30,7 +30,7 @@ def found():
     return study(LINEAR, 400)
 
 
-def test_min_gap_s_histogram_and_distribution(found, ax):
+def test_min_gap_s_histogram_and_distribution(found, ax, legible):
     assert plots.min_gap(found, ax) is ax
     gaps, bars = found["min_gap"], list(ax.containers[0])
     for bar in (bars[0], bars[-1]):  # nobody is piled up at an end
@@ -46,20 +46,19 @@ def test_min_gap_s_histogram_and_distribution(found, ax):
     assert share[-1] == 1
     assert ax.patches[-1].get_label().startswith("pounding")
     assert ax.get_xlim()[1] == found["min_gap"].max()
-
-
-def test_how_many_keep_their_gap_at_rest_is_told(ax, legible):
+    # How many keep their gap at rest is told.
+    ax.figure.clear()
+    ax = ax.figure.add_subplot()
     columns = {"min_gap": np.r_[np.full(30, 0.1), np.linspace(-0.1, 0.09, 70)]}
     columns["required_gap"] = 0.1 - columns["min_gap"]
     moments = types.SimpleNamespace(smallest=-0.1, largest=0.1)
     few = {"finite": columns.__getitem__, "moments": lambda column: moments, "weighting": None}
-    few |= {"scales": SCALES, "columns": (*columns,)}
-    plots.min_gap(types.SimpleNamespace(**few), ax)
+    plots.min_gap(types.SimpleNamespace(**few, scales=SCALES, columns=(*columns,)), ax)
     assert "min = gap at rest: 30 %" in legend(ax)
     legible(ax.figure, ax.get_legend().texts)
 
 
-def test_convergence_ends_at_the_estimate(found, ax):
+def test_convergence_ends_at_the_estimate_and_exceedance_is_the_share_of_larger_gaps(found, ax):
     plots.convergence(found, ax, gap=0.3)
     n, value = ax.lines[0].get_data()
     assert (n[-1], value[-1]) == (400, found.pounding_probability(0.3).value)
@@ -69,9 +68,7 @@ def test_convergence_ends_at_the_estimate(found, ax):
     assert {round(low, 12), round(high, 12)} <= {round(y, 12) for x, y in ends if x == 400}
     new = plots.convergence(found)  # axes of pyplot's
     assert new.figure.number in pyplot.get_fignums()
-
-
-def test_exceedance_is_the_share_of_larger_gaps(found, ax):
+    ax.clear()
     plots.exceedance(found, ax, rules_at=0.1)
     gaps, shares = ax.lines[0].get_data()
     for gap, share in zip(gaps[::7], shares[::7], strict=True):
@@ -87,6 +84,13 @@ def test_exceedance_is_the_share_of_larger_gaps(found, ax):
     box = ax.get_legend().get_window_extent()
     assert box.y0 >= ax.bbox.y1  # nothing drawn is under it
     assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
+    in_si = found.in_si(SCALES)
+    assert r"g/\omega_1^2" in ax.get_xlabel()
+    assert "(m)" in plots.exceedance(in_si, Figure().add_subplot()).get_xlabel()
+    panel = plots.scatter_matrix(in_si, ["peak_f1"]).axes[0]
+    assert "(MN)" in panel.get_ylabel()
+    top = panel.lines[0].get_ydata().max()
+    assert top == pytest.approx(in_si["peak_f1"].max() / 1e6)
 
 
 def pounding(found):
@@ -200,17 +204,6 @@ def test_bars_are_the_correlations_and_indices_largest_on_top(ax):
     bars = [container for container in ax.containers if hasattr(container, "patches")]
     widths = [[bar.get_width() for bar in container.patches] for container in bars]
     assert widths == [[pair[i] for pair in shares.values()] for i in range(2)]
-
-
-def test_axes_say_the_unit_of_the_study(found, ax):
-    for units, length in ((found, r"g/\omega_1^2"), (found.in_si(SCALES), "(m)")):
-        ax.clear()
-        plots.exceedance(units, ax)
-        assert length in ax.get_xlabel()
-    figure = plots.scatter_matrix(found.in_si(SCALES), ["peak_f1"])
-    assert "(MN)" in figure.axes[0].get_ylabel()
-    top = figure.axes[0].lines[0].get_ydata().max()
-    assert top == pytest.approx(found.in_si(SCALES)["peak_f1"].max() / 1e6)
 
 
 def test_weights_are_drawn(found, ax):

@@ -11,7 +11,7 @@ from tests.refusals import refused
 TEST = jp.cyclic_test(jp.Bilinear(0.02, 0.05), [0.0, 0.06, -0.06], 2e6, 8)
 
 
-def test_a_cyclic_test_is_drawn_over_what_was_measured(ax):
+def test_cyclic_tests_over_what_was_measured_and_pushover_curves_with_first_yields(ax):
     measured = np.asarray(TEST.force) + 1e3
     plots.cyclic_test(TEST, measured, ax)
     points, line = ax.lines
@@ -24,9 +24,7 @@ def test_a_cyclic_test_is_drawn_over_what_was_measured(ax):
     assert ax.get_xlabel() == r"displacement $e$ ($g/\omega_1^2$)"
     assert not legend(ax)
     refused(r"measured of shape \(3,\) must be \(17,\)", plots.cyclic_test, TEST, measured[:3])
-
-
-def test_a_pushover_curve_marks_where_storeys_yield(ax):
+    ax.clear()
     frame = jp.ShearBuilding.from_period(2, 300e3, period=0.5, damping_ratio=0.05)
     weak = frame.yielding(yield_force=[1e6, 0.9e6], hardening=0.1)
     plots.pushover(weak, 6.0, ax)
