@@ -33,15 +33,11 @@ def test_record_is_linear_between_its_samples_and_runs_out_within_one(samples, d
     np.testing.assert_allclose(accelerations(record, place * dt), expected, rtol=1e-11, atol=1e-11)
 
 
-def test_ground_is_at_rest_outside_the_record():
+def test_a_record_ends_in_rest_and_keeps_single_precision():
     t = np.array([-1e9, -0.5, -0.25, 0.0, 1.5, 1.75, 2.0, 1e9])
     expected = [0, 0, 0.25, 0.5, 2.0, 1.0, 0, 0]
     np.testing.assert_allclose(RECORD.acceleration(t), expected, atol=1e-15)
-    assert RECORD.duration == 1.5
-    assert RECORD.n_samples == 4
-
-
-def test_record_keeps_single_precision():
+    assert (RECORD.duration, RECORD.n_samples) == (1.5, 4)
     record = jp.Record(SAMPLES.astype(np.float32), np.float32(0.5))
     accelerations = record.acceleration(jnp.array([0.25, 0.75], jnp.float32))
     assert accelerations.dtype == jnp.float32

@@ -125,9 +125,7 @@ def test_the_link_to_the_ground_has_friction_once_and_a_face_for_each_wall():
         faces = jp.Buildings((building,), links).links[::-1]
         assert tuple(face.gap for face in faces) == gap
         assert [face.contact for face in faces] == [law if x == 0.2 else None for x in gap]
-
-
-def test_the_number_of_the_building_is_that_in_the_row():
+    # The number of the building is that in the row.
     number = {"wall": MoatWall(0.3, LAW), "number": 1}
     building, links = jp.isolated(FRAME, SLIDING, BASE, **number)
     row = jp.Buildings((FRAME, building), (*links, jp.FloorLink(0, 1, 2, gap=0.5))[:1])
@@ -149,8 +147,8 @@ def test_friction_grows_with_the_velocity_from_slow_to_fast():
     assert bearing.damping_ratio(0.2) == FrictionPendulum(2.24, 0.04).damping_ratio(0.2)
 
 
-PENDULUM, ISOLATED = FrictionPendulum, jp.isolated
-NOT_POSITIVE = "must be positive and finite"
+PENDULUM = FrictionPendulum
+NOT_POSITIVE, UNMOVED = "must be positive and finite", "damping_ratio: displacement = 0"
 
 test_bad_bearings_are_refused = refusals(
     (PENDULUM, 0.0, 0.06, f"^FrictionPendulum: radius = 0 {NOT_POSITIVE}"),
@@ -162,11 +160,7 @@ test_bad_bearings_are_refused = refusals(
     (PENDULUM, 2.0, 0.06, 1.5, r"fast_friction = 1.5 must be at least friction, and at most 1"),
     (PENDULUM, 2.0, 0.06, 0.1, 0.0, f"^FrictionPendulum: rate = 0 {NOT_POSITIVE}"),
     (PENDULUM, 2.0, 0.06, 0.1, 0.02, r"rate = 0.02 must be between 1 and 10000 s/m"),
-    (
-        SLIDING.damping_ratio,
-        0.0,
-        f"^FrictionPendulum.damping_ratio: displacement = 0 {NOT_POSITIVE}",
-    ),
+    (SLIDING.damping_ratio, 0.0, f"^FrictionPendulum.{UNMOVED} {NOT_POSITIVE}"),
     (LeadRubber, 0.0, 0.05, f"^LeadRubber: period = 0 {NOT_POSITIVE}"),
     (LeadRubber, 2500.0, 0.05, r"^LeadRubber: period = 2500 must be between 0.002 and 60 s"),
     (LeadRubber, 2.5, 0.0, f"^LeadRubber: strength = 0 {NOT_POSITIVE}"),
@@ -189,21 +183,14 @@ test_bad_walls_are_refused = refusals(
 )
 
 test_bad_buildings_are_refused = refusals(
-    (ISOLATED, 3.0, SLIDING, BASE, r"^isolated: building = 3.0 must be of type ShearBuilding or"),
-    (ISOLATED, FRAME, 3.0, BASE, r"^isolated: bearing = 3.0 must be of type FrictionPendulum or"),
-    (ISOLATED, FRAME, SLIDING, 0.0, f"^isolated: base_mass = 0 {NOT_POSITIVE}"),
-    (
-        lambda: jp.isolated(FRAME, SLIDING, BASE, wall=0.3),
-        r"^isolated: wall = 0.3 must be of type MoatWall or None",
-    ),
-    (lambda: jp.isolated(FRAME, SLIDING, BASE, gravity=-1.0), f"gravity = -1 {NOT_POSITIVE}"),
-    (
-        lambda: jp.isolated(FRAME, RUBBER, BASE, number=-1),
-        r"^isolated: number = -1 must be a whole number from 0 on",
-    ),
-    (
-        lambda: jp.isolated(FRAME, SLIDING, BASE, height=0.0),
-        f"^isolated: height = 0 {NOT_POSITIVE}",
-    ),
-    (ISOLATED, FRAME, RUBBER, 1e11, "^isolated: base_mass = 1e.11 must be between 0.001 and"),
+    (3.0, SLIDING, BASE, {}, "building = 3.0 must be of type ShearBuilding or"),
+    (FRAME, 3.0, BASE, {}, "bearing = 3.0 must be of type FrictionPendulum or"),
+    (FRAME, SLIDING, 0.0, {}, f"base_mass = 0 {NOT_POSITIVE}"),
+    (FRAME, SLIDING, BASE, {"wall": 0.3}, "wall = 0.3 must be of type MoatWall or None"),
+    (FRAME, SLIDING, BASE, {"gravity": -1.0}, f"gravity = -1 {NOT_POSITIVE}"),
+    (FRAME, RUBBER, BASE, {"number": -1}, "number = -1 must be a whole number from 0 on"),
+    (FRAME, SLIDING, BASE, {"height": 0.0}, f"height = 0 {NOT_POSITIVE}"),
+    (FRAME, RUBBER, 1e11, {}, "base_mass = 1e.11 must be between 0.001 and"),
+    of=lambda building, bearing, mass, more: jp.isolated(building, bearing, mass, **more),
+    before="^isolated: ",
 )

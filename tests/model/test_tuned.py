@@ -5,32 +5,39 @@ import pytest
 
 import jaxpound as jp
 from tests.model.test_isolation import frequencies, matrices
-from tests.refusals import refusals
+from tests.refusals import refusals, refused
 
 FRAME = jp.ShearBuilding.from_period(3, 300e3, period=0.5, damping_ratio=0.03)
+BLOCK = jp.Building(300e3, 4e7, 1.0, 1e-9, 1e-9)
+FREQUENCY = np.sqrt(BLOCK.stiffness / BLOCK.mass)
+
+
+def peaks_of_block(tuned, inertance=0.0):
+    """Peaks of the block's displacement over its static one, by the frequency of a load on it."""
+    omega = FREQUENCY * np.linspace(0.7, 1.2, 20_001)[:, None, None]
+    (masses, stiffness), top = matrices(tuned), tuned.storeys[1]
+    masses[1, 1] += inertance  # to the ground: one mass with that of the top
+    way = np.array([[1.0, -1.0], [-1.0, 1.0]]) * float(top.stiffness)
+    moduli = np.asarray(top.zener().complex_modulus(omega))
+    dynamic = stiffness - way + way * moduli - masses * omega**2
+    load = np.broadcast_to(np.array([[1.0], [0.0]]), (omega.size, 2, 1))
+    amplitude = np.abs(np.linalg.solve(dynamic, load)[:, 0, 0]) * BLOCK.stiffness
+    inner = amplitude[1:-1]
+    return inner[(inner > amplitude[:-2]) & (inner > amplitude[2:])]
 
 
 @pytest.mark.parametrize("ratio", [0.02, 0.1])
 def test_a_tuned_mass_on_an_undamped_block_leaves_den_hartog_s_equal_peaks(ratio):
-    block = jp.Building(300e3, 4e7, 1.0, 1e-9, 1e-9)
-    tuned = jp.tuned_mass_damper(block, ratio)
-    top, own = tuned.storeys[1], np.sqrt(block.stiffness / block.mass)
-    assert top.mass == pytest.approx(ratio * block.mass, rel=1e-9)
+    tuned = jp.tuned_mass_damper(BLOCK, ratio)
+    top = tuned.storeys[1]
+    assert top.mass == pytest.approx(ratio * BLOCK.mass, rel=1e-9)
     frequency = np.sqrt(top.dynamic_stiffness / top.mass)
-    assert frequency == pytest.approx(own / (1 + ratio), rel=1e-9)
+    assert frequency == pytest.approx(FREQUENCY / (1 + ratio), rel=1e-9)
     # Den Hartog's ratio is over 2 m Ω, Ω being the block's frequency and not that of the mass.
-    of_block = top.damping_ratio * frequency / own
+    of_block = top.damping_ratio * frequency / FREQUENCY
     assert of_block == pytest.approx(np.sqrt(3 * ratio / (8 * (1 + ratio) ** 3)), rel=1e-6)
-    omega = own * np.linspace(0.7, 1.2, 20_001)
-    masses, stiffness = matrices(tuned)
-    moduli = np.asarray(top.zener().complex_modulus(omega))[:, None, None]
-    way = np.array([[1.0, -1.0], [-1.0, 1.0]]) * float(top.stiffness)
-    dynamic = stiffness - way + way * moduli - masses * omega[:, None, None] ** 2
-    load = np.broadcast_to(np.array([[1.0], [0.0]]), (omega.size, 2, 1))
-    amplitude = np.abs(np.linalg.solve(dynamic, load)[:, 0, 0]) * block.stiffness
-    inner = amplitude[1:-1]
-    peaks = inner[(inner > amplitude[:-2]) & (inner > amplitude[2:])]
     # He makes the mean of two optima, whose peaks are equal but for 4e-4 at a tenth.
+    peaks = peaks_of_block(tuned)
     np.testing.assert_allclose(peaks, np.sqrt(1 + 2 / ratio), rtol=5e-3)
     assert peaks[0] == pytest.approx(peaks[1], rel=4e-3)
 
@@ -46,30 +53,17 @@ def test_a_tuned_mass_is_a_share_of_the_modal_mass_at_the_roof():
     assert top.natural_period == pytest.approx(0.5 / 0.9, rel=1e-6)
     assert top.damping_ratio == pytest.approx(0.2, rel=1e-6)
     # With hardly any damping the modes are those of the springs.
-    block = jp.Building(300e3, 4e7, 1.0, 1e-9, 1e-9)
-    light = jp.tuned_mass_damper(block, 0.1, damping_ratio=1e-6)
+    light = jp.tuned_mass_damper(BLOCK, 0.1, damping_ratio=1e-6)
     np.testing.assert_allclose(light.modes().frequencies, frequencies(light), rtol=1e-6)
 
 
 @pytest.mark.parametrize(("ratio", "light"), [(0.05, 1e-6), (0.2, 1e-6), (0.05, 0.04)])
 def test_a_tuned_inerter_of_a_block_leaves_the_equal_peaks_of_a_tuned_mass(ratio, light):
-    """Under a load on the block a mass and an inertance to the ground are one mass."""
-    block = jp.Building(300e3, 4e7, 1.0, 1e-9, 1e-9)
-    tuned, (link,) = jp.tuned_inerter_damper(block, ratio, mass_ratio=light)
-    top, own, total = tuned.storeys[1], np.sqrt(block.stiffness / block.mass), ratio + light
-    assert link.inerter.inertance == pytest.approx(ratio * block.mass, rel=1e-9)
-    omega = own * np.linspace(0.7, 1.2, 20_001)[:, None, None]
-    masses, stiffness = matrices(tuned)
-    assert masses[1, 1] == pytest.approx(light * block.mass, rel=1e-9)
-    masses[1, 1] += link.inerter.inertance
-    way = np.array([[1.0, -1.0], [-1.0, 1.0]]) * float(top.stiffness)
-    moduli = np.asarray(top.zener().complex_modulus(omega))
-    dynamic = stiffness - way + way * moduli - masses * omega**2
-    load = np.broadcast_to(np.array([[1.0], [0.0]]), (omega.size, 2, 1))
-    amplitude = np.abs(np.linalg.solve(dynamic, load)[:, 0, 0]) * block.stiffness
-    inner = amplitude[1:-1]
-    peaks = inner[(inner > amplitude[:-2]) & (inner > amplitude[2:])]
-    np.testing.assert_allclose(peaks, np.sqrt(1 + 2 / total), rtol=5e-3)
+    tuned, (link,) = jp.tuned_inerter_damper(BLOCK, ratio, mass_ratio=light)
+    assert link.inerter.inertance == pytest.approx(ratio * BLOCK.mass, rel=1e-9)
+    assert tuned.storeys[1].mass == pytest.approx(light * BLOCK.mass, rel=1e-9)
+    peaks = peaks_of_block(tuned, link.inerter.inertance)
+    np.testing.assert_allclose(peaks, np.sqrt(1 + 2 / (ratio + light)), rtol=5e-3)
     buildings = jp.Buildings((tuned,), (link,))
     poles = np.sort(np.abs(jp.modes(buildings).eigenvalues))
     free = np.sort(np.abs(jp.modes(buildings).frequencies))
@@ -94,45 +88,32 @@ def test_a_tuned_inerter_has_the_share_of_the_modal_mass_that_its_floors_move(fl
     np.testing.assert_allclose(periods, by_mass, rtol=near)
 
 
-TUNED, INERTER = jp.tuned_mass_damper, jp.tuned_inerter_damper
 NOT_POSITIVE = "must be positive and finite"
+TOO_SHORT = "period = 0.0005 must be between 0.002 and 60 s"
+OF_TYPE = "building = 3.0 must be of type ShearBuilding or Building"
 
 test_bad_tuned_masses_are_refused = refusals(
-    (
-        TUNED,
-        3.0,
-        0.05,
-        r"^tuned_mass_damper: building = 3.0 must be of type ShearBuilding or Build",
-    ),
-    (TUNED, FRAME, 0.0, f"^tuned_mass_damper: mass_ratio = 0 {NOT_POSITIVE}"),
-    (
-        lambda: TUNED(FRAME, 0.1, frequency_ratio=0),
-        f"^tuned_mass_.*frequency_ratio = 0 {NOT_POSITIVE}",
-    ),
-    (
-        lambda: TUNED(FRAME, 0.1, damping_ratio=0),
-        f"^tuned_mass_.*: damping_ratio = 0 {NOT_POSITIVE}",
-    ),
-    (
-        lambda: TUNED(FRAME, 0.1, damping_ratio=2.0),
-        "^tuned_mass_damper: damping_ratio = 2 must be between 0 and 1",
-    ),
-    (
-        lambda: TUNED(FRAME, 0.1, frequency_ratio=1e3),
-        "^tuned_mass_damper: frequency_ratio: period = 0.0005 must be between 0.002 and 60 s",
-    ),
-    (
-        lambda: TUNED(FRAME, 1e9, frequency_ratio=1),
-        "^tuned_mass_damper: mass_ratio: mass = .* must be between 0.001 and 1e.10",
-    ),
-    (INERTER, FRAME, 0.0, f"^tuned_inerter_damper: inertance_ratio = 0 {NOT_POSITIVE}"),
-    (INERTER, 3.0, 0.1, "^tuned_inerter_damper: building = 3.0 must be of type ShearBuilding"),
-    (lambda: INERTER(FRAME, 0.1, floor=2), "floor = 2 must be a floor below the roof, from 0 to 1"),
-    (lambda: INERTER(FRAME.storeys[0], 0.1, floor=0), "^tuned_.*floor = 0 must be GROUND"),
-    (lambda: INERTER(FRAME, 0.1, mass_ratio=-1), f"mass_ratio = -1 {NOT_POSITIVE}"),
-    (
-        lambda: INERTER(FRAME, 0.1, number=-1),
-        "^tuned_inerter_damper: number = -1 must be a whole number from 0",
-    ),
-    (jp.Inerter, -1.0, "^Inerter: inertance = -1 must be finite and not negative"),
+    (3.0, 0.05, {}, OF_TYPE),
+    (FRAME, 0.0, {}, f"mass_ratio = 0 {NOT_POSITIVE}"),
+    (FRAME, 0.1, {"frequency_ratio": 0}, f"frequency_ratio = 0 {NOT_POSITIVE}"),
+    (FRAME, 0.1, {"damping_ratio": 0}, f"damping_ratio = 0 {NOT_POSITIVE}"),
+    (FRAME, 0.1, {"damping_ratio": 2.0}, "damping_ratio = 2 must be between 0 and 1"),
+    (FRAME, 0.1, {"frequency_ratio": 1e3}, f"frequency_ratio: {TOO_SHORT}"),
+    (FRAME, 1e9, {"frequency_ratio": 1}, "mass_ratio: mass = .* must be between 0.001 and 1e.10"),
+    of=lambda building, ratio, more: jp.tuned_mass_damper(building, ratio, **more),
+    before="^tuned_mass_damper: ",
 )
+test_bad_tuned_inerters_are_refused = refusals(
+    (FRAME, 0.0, {}, f"inertance_ratio = 0 {NOT_POSITIVE}"),
+    (3.0, 0.1, {}, OF_TYPE),
+    (FRAME, 0.1, {"floor": 2}, "floor = 2 must be a floor below the roof, from 0 to 1"),
+    (FRAME.storeys[0], 0.1, {"floor": 0}, "floor = 0 must be GROUND"),
+    (FRAME, 0.1, {"mass_ratio": -1}, f"mass_ratio = -1 {NOT_POSITIVE}"),
+    (FRAME, 0.1, {"number": -1}, "number = -1 must be a whole number from 0"),
+    of=lambda building, ratio, more: jp.tuned_inerter_damper(building, ratio, **more),
+    before="^tuned_inerter_damper: ",
+)
+
+
+def test_an_inerter_has_no_negative_inertance():
+    refused("^Inerter: inertance = -1 must be finite and not negative", jp.Inerter, -1.0)

@@ -97,6 +97,3 @@ NO_NUMBERS += ["NPTS= 7, DT= SEC", "NPTS= 7, DT= .0l SEC", "NPTS= 7", "x 0.01 NP
 def test_npts_and_dt_must_be_positive_numbers_and_those_of_the_values(write, npts_line, says):
     assert_refuses(write(f"{TITLE}{KIND}{npts_line}\n{BODY}"), 4, says)
     assert_refuses(write(TITLE + KIND + NPTS), 4, "no data")
-
-
-NO_NUMBERS += ["NPTS= 7, DT= SEC", "NPTS= 7, DT= .0l SEC", "NPTS= 7", "x 0.01 NPTS, DT"]
