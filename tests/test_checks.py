@@ -7,17 +7,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound import _checks
-from jaxpound._checks import (
-    Rule,
-    all_hold,
-    enforce,
-    finite,
-    is_traced,
-    is_whole,
-    machine_memory,
-    real,
-    require_memory,
-)
+from jaxpound._checks import Rule, all_hold, enforce, finite, is_traced, is_whole, real
 from jaxpound._fields import label, pytree_dataclass, static
 from tests.refusals import refused
 
@@ -152,18 +142,18 @@ def test_what_memory_has_no_room_for_is_refused_with_its_bytes(small_machine):
         (10**18, 8 * 10**18, r"1.00e\+18 would take 8 EB"),
         (10**6000, 8 * 10**6000, r"1.00e\+6000 would take 8.00e\+5982 EB"),
     ):
-        refused(f"^owner: n = {message}", require_memory, "owner", "n", value, size)
-    require_memory("owner", "n", 10**9, 19 * 10**9)
+        refused(f"^owner: n = {message}", _checks.require_memory, "owner", "n", value, size)
+    _checks.require_memory("owner", "n", 10**9, 19 * 10**9)
 
 
 def test_the_memory_of_this_machine_is_the_least_that_is_known(monkeypatch, tmp_path):
     monkeypatch.setattr(_checks, "_CONTAINER_LIMITS", ())
-    whole = machine_memory()
+    whole = _checks.machine_memory()
     assert 10**8 < whole < 10**15
     for text, known in (("max\n", whole), ("1000000\n", 1_000_000), ("0\n", whole)):
         (tmp_path / "limit").write_text(text)
         monkeypatch.setattr(_checks, "_CONTAINER_LIMITS", (str(tmp_path / "limit"),))
-        assert machine_memory() == known
+        assert _checks.machine_memory() == known
     monkeypatch.setattr(_checks, "_CONTAINER_LIMITS", ())
     monkeypatch.delattr(_checks.os, "sysconf")
-    require_memory("owner", "n", 1, 10**15)
+    _checks.require_memory("owner", "n", 1, 10**15)

@@ -8,14 +8,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound._checks import all_hold, enforce
-from jaxpound._fields import (
-    Parameter,
-    parameter,
-    part,
-    pytree_dataclass,
-    rules,
-    walk,
-)
+from jaxpound._fields import Parameter, parameter, part, pytree_dataclass, rules, walk
 from tests.refusals import refused
 
 

@@ -11,12 +11,14 @@ from tests.made import SERIES, pair_demand, pair_response
 SERIES_KINDS = {"time": "time", "slip_direction": None}
 SERIES_KINDS |= dict.fromkeys(("v1", "v2", "ground_velocity"), "velocity")
 SERIES_KINDS |= dict.fromkeys(("f1", "f2", "friction"), "force")
+LENGTHS = ("min_gap", "soft_min_gap", "peak_x1", "peak_x2", "slip_distance", "residual_offset")
 SCALAR_KINDS = {
-    **dict.fromkeys(("min_gap", "soft_min_gap", "peak_x1", "peak_x2"), "length"),
-    **dict.fromkeys(("slip_distance", "residual_offset"), "length"),
+    **dict.fromkeys((*LENGTHS, "peak_penetration"), "length"),
     **dict.fromkeys(("peak_acceleration_1", "peak_acceleration_2", "pga"), "acceleration"),
-    **dict.fromkeys(("peak_f1", "peak_f2"), "force"),
-    **{"min_gap_time": "time", "pgv": "velocity", "friction_work": "energy"},
+    **dict.fromkeys(("peak_f1", "peak_f2", "peak_contact", "soft_peak_contact"), "force"),
+    **dict.fromkeys(("friction_work", "contact_work"), "energy"),
+    **dict.fromkeys(("min_gap_time", "first_impact_time"), "time"),
+    **{"pgv": "velocity", "peak_impulse": "impulse", "n_impacts": None},
 }
 SCALES = jp.Scales(mass=3.0, frequency=0.7, gravity=11.0)
 FACTORS = {
@@ -31,7 +33,7 @@ FACTORS = {
     "stiffness": SCALES.mass * SCALES.frequency**2,
     "hertz stiffness": SCALES.mass * SCALES.frequency**3 / SCALES.gravity**0.5,
 }
-ONES = pair_demand(1.0, soft=1.0)
+ONES = pair_demand(1.0, soft=1.0, contact=True)
 
 
 def test_every_scalar_and_every_series_is_of_the_quantity_that_it_is_converted_by():
@@ -41,7 +43,8 @@ def test_every_scalar_and_every_series_is_of_the_quantity_that_it_is_converted_b
     converted = SCALES.to_si(ONES).scalars()
     for name, kind in SCALAR_KINDS.items():
         assert kind_of(name) == kind
-        assert converted[name] == pytest.approx(FACTORS[kind], rel=1e-14)
+        assert unit_of(name, si=True) == (SI[kind] if kind else "")
+        assert converted[name] == pytest.approx(FACTORS[kind] if kind else 1.0, rel=1e-14)
     response = pair_response(np.ones(3), dict.fromkeys(SERIES, np.ones(3)), demand=ONES)
     plain = response.to_columns()
     converted = SCALES.to_si(response).to_columns()
@@ -59,7 +62,7 @@ def test_units_and_words_of_every_demand():
     assert column("pga", "acceleration", True) == "pga_m_per_s2"
     assert column("peak_impulse", "impulse", True) == "peak_impulse_N_s"
     assert column("pga", "acceleration", False) == column("pga", None, True) == "pga"
-    for name in {*ONES.scalars(), "required_gap", *LIMITED_OF_PAIR} - {"pounds"}:
+    for name in {*ONES.scalars(), "required_gap", *LIMITED_OF_PAIR} - {"pounds", "n_impacts"}:
         assert kind_of(name) in SI
         assert in_words(name)[1:2].islower()  # words, no letters
     assert (unit_of("peak_f1", si=True), unit_of("peak_f1", si=False)) == ("N", "m1 g")

@@ -1,11 +1,10 @@
 """The search for a design: known optima of stand-ins, and the paper's case."""
 
 import dataclasses
-import functools
 import inspect
 import json
 import re
-from functools import partial
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -69,13 +68,10 @@ def search(objective=MEAN, space=SPACE, ensemble=ENSEMBLE, grid=GRID, **more):
     return jp.design_damper(space, ensemble, grid, objective=objective, **more)
 
 
-@functools.cache
+@cache
 def bowl_design():
     """The design of the bowl; for tests with the stand-in."""
     return search()
-
-
-# Known optima.
 
 
 def test_the_optimum_of_a_bowl(stand_in):
@@ -94,22 +90,24 @@ def test_the_optimum_of_a_bowl(stand_in):
 PEAK = {"friction": 0.6, "mass_ratio": 1.5}
 
 
-@pytest.mark.parametrize(
-    ("objective", "more", "optimum", "within"),
-    [
-        (MEAN, {"optimiser": optax.lbfgs(), "iterations": 12}, PEAK, 1e-6),
-        (jp.Objective(penalties={"damper_force": 0.2}), {}, {"friction": 0.5}, 1e-3),
-        (jp.Objective(jp.WorstGap()), {"iterations": 150}, {"friction": 0.6}, 5e-3),
-        # A penalty of any size is no violation.
-        (jp.Objective(penalties={"peak_x1": 1e7}, limits=LOOSE), {}, {"mass_ratio": 0.5}, 1e-6),
-    ],
-    ids=["line searches", "a penalty", "the worst earthquake", "a large penalty"],
-)
+WORST = jp.Objective(jp.WorstGap())
+OPTIMA = {
+    "line searches": (MEAN, {"optimiser": optax.lbfgs(), "iterations": 12}, PEAK, 1e-6),
+    "a penalty": (jp.Objective(penalties={"damper_force": 0.2}), {}, {"friction": 0.5}, 1e-3),
+    "the worst earthquake": (WORST, {"iterations": 150}, {"friction": 0.6}, 5e-3),
+    # A penalty of any size is no violation.
+    "a large penalty": (
+        *(jp.Objective(penalties={"peak_x1": 1e7}, limits=LOOSE), {}, {"mass_ratio": 0.5}, 1e-6),
+    ),
+}
+
+
+@pytest.mark.parametrize(("objective", "more", "optimum", "within"), OPTIMA.values(), ids=OPTIMA)
 def test_known_optima(stand_in, objective, more, optimum, within):
     found = search(objective, **more)
     for path, value in optimum.items():
         assert found.values[path] == pytest.approx(value, abs=within)
-    if objective.goal == jp.WorstGap():  # its optimum is between the extremes
+    if objective is WORST:  # its optimum is between the extremes
         assert found.objective == pytest.approx(1 - 0.2**2, abs=3e-3)
     assert found.prices.get("damper_force", 0.0) <= 0.9
 
@@ -190,9 +188,6 @@ def test_options_are_by_default_those_of_design_damper():
         assert signature[field.name].default == field.default, field.name
 
 
-# What befalls a search.
-
-
 def test_dropped_starts_are_reported_and_never_returned(stand_in):
     stand_in(lambda mu, rho, a: jnp.where(mu > 0.7, jnp.nan, bowl(mu, rho, a)))
     found = search(starts=6)
@@ -250,8 +245,8 @@ def test_a_search_goes_on_where_it_was_stopped(stand_in, tmp_path):
     # A finished one is only read.
     again = search(iterations=60, save=path, callback=lambda told: 1 / 0)
     assert again.values == whole.values
-    says, worst = "holds another search: objective, program differs", jp.Objective(jp.WorstGap())
-    refused(says, search, worst, iterations=60, save=path)
+    says = "holds another search: objective, program differs"
+    refused(says, search, WORST, iterations=60, save=path)
     path.write_text("nothing")
     refused("holds no search", search, iterations=60, save=path)
 
@@ -317,9 +312,6 @@ def test_limits_and_penalties_are_in_si_units_too(stand_in):
     assert found.values["friction"] == pytest.approx(0.5, rel=2e-3)
 
 
-# The paper's case.
-
-
 def test_the_paper_s_case_from_several_starts_to_one_optimum():
     """With a price on base shear; the optimum against a grid of designs, and against SciPy's."""
     tau_x = jp.Bounds(0.2, 10.0, "log")
@@ -338,9 +330,6 @@ def test_the_paper_s_case_from_several_starts_to_one_optimum():
     run = jp.demand(middle, jp.paper.ground(), grid)
     expected = float(run.min_gap - 0.6 * run.peak_f1) - 0.5 * middle.friction
     assert seen.objective[6, 6] == pytest.approx(expected)
-
-
-# Before and after.
 
 
 def test_a_comparison_is_paired_and_of_one_earthquake_has_no_interval(stand_in):
@@ -396,7 +385,7 @@ def test_a_drawn_ensemble_has_fresh_earthquakes(stand_in):
 
 @pytest.mark.usefixtures("stand_in")
 def test_no_best_is_shown_until_there_is_one(monkeypatch, capsys):
-    monkeypatch.setattr(design_search, "tqdm", functools.partial(tqdm, mininterval=0, miniters=1))
+    monkeypatch.setattr(design_search, "tqdm", partial(tqdm, mininterval=0, miniters=1))
     objective = jp.Objective(limits={"damper_force": 0.05})
     start, told = {"friction": 0.9, "mass_ratio": 1.0}, []
     search(objective, start=start, starts=1, iterations=40, callback=told.append, progress=True)
@@ -406,12 +395,9 @@ def test_no_best_is_shown_until_there_is_one(monkeypatch, capsys):
     assert f"objective={told[-1].best:.5g}" in shown
 
 
-# Bad input.
-
-
 AT_RANDOM = {"optimiser": optax.add_noise(0.1, 0.5, jax.random.key(0)), "save": "x.npz"}
 NARROW = jp.DesignSpace(PAPER, {"friction": (0.2, 1.0), "mass_ratio": (0.5, 2.5)})
-
+LOW = jp.Objective(limits={"damper_force": 0.1})
 
 test_bad_arguments_are_named = refusals(
     ({"start": {"friction": 2.0, "mass_ratio": 1.0}}, "start: .*friction = 2 must be between"),
@@ -429,19 +415,13 @@ test_bad_arguments_are_named = refusals(
     ({"fresh": "x"}, "fresh = 'x' must be a positive whole number"),
     ({"fresh": -5}, "fresh = -5 must be a positive"),
     ({"save": "no/such/folder.npz"}, "save = .* must be in a folder that exists"),
-    (
-        {"start": {"friction": 0.5, "mass_ratio": 1.0, "mu": 1}},
-        "design has 'mu', which is none",
-    ),
+    ({"start": PEAK | {"mu": 1}}, "design has 'mu', which is none"),
     ({"start": 0.5}, "start: DesignSpace: design = 0.5 must be of type"),
     (AT_RANDOM, "save cannot keep an optimiser that draws at random"),
     ({"scales": 9.81}, "scales = 9.81 must be of type Scales"),
     ({"starts": 10**9}, r"starts = 1,000,000,000 would take \d+ GB of memory"),
     # What nothing meets is refused with the least excess.
-    (
-        {"objective": jp.Objective(limits={"damper_force": 0.1}), "space": NARROW},
-        r"has damper_force = 0.2, 100.00% above its limit 0.1",
-    ),
+    ({"objective": LOW, "space": NARROW}, r"has damper_force = 0.2, 100.00% above its limit 0.1"),
     of=lambda _, __, change: search(**change),
     fixtures=("stand_in", "small_machine"),
 )
@@ -460,7 +440,7 @@ def test_what_is_uncertain_cannot_be_chosen():
 
 
 def test_landscapes_ask_for_two_variables(stand_in):
-    found = search(iterations=2)
+    found = bowl_design()
     words = "x = 'mu' must be one of mass_ratio, friction"
     refused(words, found.landscape, "mu", "friction")
     refused("must be two variables", found.landscape, "friction", "friction")

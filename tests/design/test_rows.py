@@ -12,9 +12,10 @@ from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.design_report import parts_of_page, summary
 from jaxpound.cli.files import page
 from jaxpound.cli.parameters import Parameters
+from jaxpound.model import parameters
 from jaxpound.plots import designs as plots
 from tests.refusals import refusals, refused
-from tests.rows import GAPS, GRID, ROW, STEEL, WAVES
+from tests.rows import GAPS, GRID, ROW, WAVES
 from tests.test_tables import assert_shown
 
 EARTHQUAKES = jp.Ensemble.drawn(jp.Scenarios(ROW, WAVES), 16, sampling="sobol")
@@ -22,26 +23,38 @@ DAMPERS = {"links.*.friction": (0.0, 1.0)}
 SPACE = jp.DesignSpace(ROW, DAMPERS)
 BUDGET = 1.0
 SOON = jp.Scheme(jp.Switching())  # compiled, as friction's events are not located
+UPPER_STOREY = "buildings.0.rods.1.stiffness"
 SEARCH = {"starts": 2, "iterations": 40, "progress": False}
 
 
-def with_friction(slip_forces):
-    links = zip(ROW.links, slip_forces, strict=True)
-    links = tuple(dataclasses.replace(link, friction=mu) for link, mu in links)
-    return dataclasses.replace(ROW, links=links)
+def with_friction(slip_forces, stiffness=12.0):
+    first, second = slip_forces
+    changes = {"links.0.friction": first, "links.1.friction": second, UPPER_STOREY: stiffness}
+    return parameters.put(ROW, changes)
+
+
+def with_links(changes):
+    links = map(lambda link, change: dataclasses.replace(link, **change), ROW.links, changes)
+    return dataclasses.replace(ROW, links=tuple(links))
+
+
+def mean_min_gap(row, earthquakes, scheme):
+    run = jax.vmap(lambda ground: jp.demand(row, ground, GRID, scheme).min_gap)
+    return run(earthquakes.grounds).mean()
 
 
 @jax.jit
 @jax.vmap
-def mean_gap_in_chunk(slip_forces):
-    row = with_friction(tuple(slip_forces))
-    return jax.vmap(lambda g: jp.demand(row, g, GRID).min_gap)(EARTHQUAKES.grounds).mean()
+def mean_gap_in_chunk(slip_forces, stiffness):
+    return mean_min_gap(with_friction(slip_forces, stiffness), EARTHQUAKES, jp.Scheme())
 
 
-def mean_gap(every):
+def mean_gap(every, stiffness=12.0):
     """Mean gap of each placement; one program of 21 runs them all."""
     chunks = np.resize(every, (-(-len(every) // 21), 21, 2))
-    return np.concatenate([mean_gap_in_chunk(chunk) for chunk in chunks])[: len(every)]
+    stiffnesses = np.resize(stiffness, 21)
+    gaps = [mean_gap_in_chunk(chunk, stiffnesses) for chunk in chunks]
+    return np.concatenate(gaps)[: len(every)]
 
 
 @pytest.fixture(scope="module")
@@ -104,29 +117,35 @@ def test_a_comparison_tells_of_each_link_and_goals_of_the_closest(design):
     assert float(jp.GapAtRest()(*gaps)) == pytest.approx(-np.mean(GAPS))
 
 
-def test_a_budget_of_inertance_is_placed_where_it_is_best():
-    earthquakes = jp.Ensemble.drawn(jp.Scenarios(ROW, WAVES), 4, sampling="sobol")
+SHARES = np.linspace(0, 1, 21)
 
-    def with_inerters(inertances):
-        links = (
-            dataclasses.replace(link, friction=0.0, inerter=jp.Inerter(b))
-            for link, b in zip(ROW.links, inertances, strict=True)
-        )
-        return dataclasses.replace(ROW, links=tuple(links))
+
+def placed(path, total, with_devices, earthquakes, scheme):
+    """The design that divides a budget between the links, and mean gaps by the first's share."""
+    space = jp.DesignSpace(with_devices((0.3, 0.3)), {path: (0.0, BUDGET)})
+    within = jp.Objective(limits={total: BUDGET})
+    design = jp.design_damper(space, earthquakes, GRID, scheme, within, fresh=None, **SEARCH)
+    assert sum(design.values.values()) <= BUDGET * 1.001
 
     @jax.jit
     @jax.vmap
     def mean(share):
-        row = with_inerters((share * BUDGET, (1 - share) * BUDGET))
-        return jax.vmap(lambda g: jp.demand(row, g, GRID).min_gap)(earthquakes.grounds).mean()
+        row = with_devices((share * BUDGET, (1 - share) * BUDGET))
+        return mean_min_gap(row, earthquakes, scheme)
 
-    space = jp.DesignSpace(with_inerters((0.3, 0.3)), {"links.*.inerter.inertance": (0.0, BUDGET)})
-    within = jp.Objective(limits={"total_inertance": BUDGET})
-    design = jp.design_damper(space, earthquakes, GRID, objective=within, fresh=None, **SEARCH)
-    inertances = np.array([*design.values.values()])
-    assert design.prices["total_inertance"] == pytest.approx(inertances.sum(), rel=1e-6)
-    assert inertances.sum() <= BUDGET * 1.001
-    placements = mean(np.linspace(0, 1, 21))
+    return design, mean
+
+
+def test_a_budget_of_inertance_is_placed_where_it_is_best():
+    def with_inerters(inertances):
+        return with_links([{"friction": 0.0, "inerter": jp.Inerter(b)} for b in inertances])
+
+    earthquakes = jp.Ensemble.drawn(jp.Scenarios(ROW, WAVES), 4, sampling="sobol")
+    path = "links.*.inerter.inertance"
+    design, mean = placed(path, "total_inertance", with_inerters, earthquakes, jp.Scheme())
+    inertances = sum(design.values.values())
+    assert design.prices["total_inertance"] == pytest.approx(inertances, rel=1e-6)
+    placements = mean(SHARES)
     assert placements.max() - placements.min() > 0.01
     assert design.objective >= placements.max() - 1e-3
 
@@ -134,27 +153,13 @@ def test_a_budget_of_inertance_is_placed_where_it_is_best():
 def test_a_budget_of_viscous_dampers_is_placed_where_it_is_best():
     def with_dampers(forces):
         dampers = [jp.Rod(jp.PowerLaw(force, 0.4), 5.0) for force in forces]
-        changes = [{"friction": 0.0, "damper": damper} for damper in dampers]
-        links = map(lambda link, more: dataclasses.replace(link, **more), ROW.links, changes)
-        return dataclasses.replace(ROW, links=tuple(links))
+        return with_links([{"friction": 0.0, "damper": damper} for damper in dampers])
 
-    @jax.jit
-    @jax.vmap
-    def mean(share):
-        row = with_dampers((share * BUDGET, (1 - share) * BUDGET))
-        run = jax.vmap(lambda g: jp.demand(row, g, GRID, SOON).min_gap)
-        return run(EARTHQUAKES.grounds).mean()
-
-    space = jp.DesignSpace(
-        with_dampers((0.3, 0.3)), {"links.*.damper.material.force": (0.0, BUDGET)}
-    )
-    within = jp.Objective(limits={"total_damper_force": BUDGET})
-    design = jp.design_damper(space, EARTHQUAKES, GRID, SOON, within, fresh=None, **SEARCH)
-    forces = np.array([*design.values.values()])
-    assert forces.sum() <= BUDGET * 1.001
-    shares = np.linspace(0, 1, 21)
-    assert design.objective >= mean(shares).max() - 1e-6
-    at_design = mean(np.resize(forces[0] / BUDGET, 21))[0]
+    path = "links.*.damper.material.force"
+    design, mean = placed(path, "total_damper_force", with_dampers, EARTHQUAKES, SOON)
+    assert design.objective >= mean(SHARES).max() - 1e-6
+    first, _ = design.values.values()
+    at_design = mean(np.resize(first / BUDGET, 21))[0]
     assert float(at_design) == pytest.approx(design.objective, abs=2e-3)
 
 
@@ -168,28 +173,14 @@ def test_a_front_over_budgets(design, placements):
 
 
 def test_elasticities_by_a_damper_and_a_storey_of_a_row():
-    """Of two storeys beside one."""
-
-    def row(friction, stiffness):
-        upper = jp.Rod(STEEL, stiffness)
-        left = jp.Storeys((1.0, 0.8), (jp.Rod(STEEL, 12.0), upper))
-        right = jp.Storeys((1.0,), jp.Rod(STEEL, 30.0))
-        return jp.Row((left, right), (jp.FloorLink(0, 0, friction=friction, gap=0.06),))
-
-    @jax.jit
-    @jax.vmap
-    def mean(friction, stiffness):
-        run = jax.vmap(lambda g: jp.demand(row(friction, stiffness), g, GRID).min_gap)
-        return run(EARTHQUAKES.grounds).mean()
-
-    found = jp.elasticities(row(0.03, 12.0), EARTHQUAKES, GRID, demand="min_gap")
+    found = jp.elasticities(with_friction((0.03, 0.05)), EARTHQUAKES, GRID, demand="min_gap")
     h = 1e-5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-    gap, *gaps = mean(*(np.array([0.03, 12.0]) * (1 + h)).T)
+    frictions, stiffnesses = (np.array([0.03, 12.0]) * (1 + h)).T
+    both = np.stack([frictions, np.full(5, 0.05)], axis=-1)
+    gap, *gaps = mean_gap(np.resize(both, (21, 2)), stiffnesses)[:5]
     assert found.value == pytest.approx(float(gap))
     slopes = np.subtract(gaps[::2], gaps[1::2]) / 2e-5 / abs(found.value)
-    for path, slope in zip(
-        ("links.0.friction", "buildings.0.rods.1.stiffness"), slopes, strict=True
-    ):
+    for path, slope in zip(("links.0.friction", UPPER_STOREY), slopes, strict=True):
         assert found.values[path] == pytest.approx(slope, rel=1e-4)
     assert {"buildings.1.rods.0.stiffness", "links.0.gap"} <= {*found.values}
 
@@ -203,10 +194,9 @@ def test_a_row_from_recorded_floors():
     exact = {"a2": run.absolute_accelerations[1], "x4": run.masses[3].x, "gap_2": run.links[1].gap}
     noise = {"a2": 0.02, "x4": 0.002, "gap_2": 0.002}
     measured = {name: x + noise[name] * random.normal(size=61) for name, x in exact.items()}
-    stiffness = "buildings.0.rods.1.stiffness"
-    values = {"links.0.friction": 0.2, "links.1.friction": 0.3, stiffness: 12.0}
-    space = jp.DesignSpace(ROW, {**DAMPERS, stiffness: (6.0, 20.0)})
-    how = {"noise": noise, "start": {"links.*.friction": 0.25, stiffness: 11.0}, "starts": 1}
+    values = {"links.0.friction": 0.2, "links.1.friction": 0.3, UPPER_STOREY: 12.0}
+    space = jp.DesignSpace(ROW, {**DAMPERS, UPPER_STOREY: (6.0, 20.0)})
+    how = {"noise": noise, "start": {"links.*.friction": 0.25, UPPER_STOREY: 11.0}, "starts": 1}
     found = jp.calibrate(space, measured, ground, GRID, SOON, **how)
     for path, value in values.items():
         estimate = found.parameters[path]
@@ -250,8 +240,9 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     assert plots.convergence(found).get_ylabel() == "objective ($g$)"
     ax = plots.before_and_after(compared)
     assert ax.get_xlabel() == "peak $|a_1|$ ($g$)"
-    parameters = Parameters(BuildingsLayout.of(jp.Buildings(buildings, links), (1,)))
-    answers = summary(found, {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}, parameters)
+    layout = BuildingsLayout.of(jp.Buildings(buildings, links), (1,))
+    others = {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}
+    answers = summary(found, others, Parameters(layout))
     parts = parts_of_page(json.loads(json.dumps(answers, allow_nan=False)), compared.topology)
     told = page("Design", parts, [])
     assert "gap" not in told

@@ -62,47 +62,36 @@ def test_what_is_no_file_of_text_is_refused_at_once(tmp_path):
 
 
 BINARY = b"\x7fELF\x00\x01", b"0 1\n1 \x002\n", "0 1\n1 2\n".encode("utf-16")
-
-
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
-        *((content, "is empty") for content in (b"", b"\n \r\n\t\n", b"\x1a", b"\xef\xbb\xbf\n")),
-        *((content, "binary") for content in BINARY),
-        *((text, "no data") for text in ("just a title\nand another\n", "# 0 1\n# 1 2\n")),
-        # More than a run has steps are refused before they are read.
-        ("0 \r\r\n\n" * 1_060_000, "must have at most 1,050,000 lines, not 1,060,000"),
-        ("0 0,0;0\t0 0 0 0\n" * 265_000, "must have at most 2,100,000 numbers, not 2,1"),
-        (".1-.1+.1-.1\n" * 530_000, "must have at most 2,100,000 numbers, not 2,1"),
-    ],
-    ids=lambda text: repr(text[:12]),
-)
-def test_a_file_without_a_record_or_with_too_much_is_refused(write, content, says):
-    assert_refuses(write(content), None, says)
-
-
 NO_NUMBERS = ["abc", "0.5x", "1.2.3", "--1", ".", "E-02", "0.1E", "1_0", "1940-05-18", "*" * 7]
 NO_NUMBERS += ["'1'", "٣"]
 NOT_FINITE = ["nan", "NaN", "-nan", "inf", "-Infinity", "1.#QNAN", "1e999"]
+TOKENS = [
+    *product(("time,acc\n0,1\n0.5,{}\n1,1\n", "time,acc\n0,1\n{},0.5\n1,1\n"), NO_NUMBERS),
+    *product(("NPTS= 4, DT= .01\n0 1\n1 {}\n", "time acc\n0 1\n1 {}\n"), NOT_FINITE),
+]
+REFUSED = [
+    *((content, None, "is empty") for content in (b"", b"\n \r\n\t\n", b"\x1a", b"\xef\xbb\xbf\n")),
+    *((content, None, "binary") for content in BINARY),
+    *((text, None, "no data") for text in ("just a title\nand another\n", "# 0 1\n# 1 2\n")),
+    # More than a run has steps are refused before they are read.
+    ("0 \r\r\n\n" * 1_060_000, None, "must have at most 1,050,000 lines, not 1,060,000"),
+    ("0 0,0;0\t0 0 0 0\n" * 265_000, None, "must have at most 2,100,000 numbers, not 2,1"),
+    (".1-.1+.1-.1\n" * 530_000, None, "must have at most 2,100,000 numbers, not 2,1"),
+    *((x.format(y), 3, f"{re.escape(repr(y))} must be a finite number") for x, y in TOKENS),
+    # A damaged first row is not taken for a header.
+    ("0,abc\n0.1,2\n0.2,3\n", 1, "'abc'"),
+    ("nan,1\n0.1,2\n0.2,3\n", 1, "'nan'"),
+    ("1.#QNAN\n2\n3\n", 1, "'1.#QNAN'", 0.1),
+    ("NPTS= 4, DT= .01\n.1 O.2 .3 .4\n", 2, "'O.2'"),
+    *((text, None, "at least two samples", 0.01) for text in ("NPTS= 1, DT= .01\n.5\n", ".5\n")),
+    ("0 .5\n", 1, "at least two samples", 0.01),
+]
 
 
-@pytest.mark.parametrize(
-    ("text", "token"),
-    [
-        *product(("time,acc\n0,1\n0.5,{}\n1,1\n", "time,acc\n0,1\n{},0.5\n1,1\n"), NO_NUMBERS),
-        *product(("NPTS= 4, DT= .01\n0 1\n1 {}\n", "time acc\n0 1\n1 {}\n"), NOT_FINITE),
-    ],
-)
-def test_a_token_that_is_no_finite_number_is_named_with_its_line(write, text, token):
-    path = write(text.format(token))
-    assert_refuses(path, 3, f"{re.escape(repr(token))} must be a finite number")
-
-
-def test_a_damaged_first_row_is_not_taken_for_a_header(write):
-    assert_refuses(write("0,abc\n0.1,2\n0.2,3\n"), 1, "'abc'")
-    assert_refuses(write("nan,1\n0.1,2\n0.2,3\n"), 1, "'nan'")
-    assert_refuses(write("1.#QNAN\n2\n3\n"), 1, "'1.#QNAN'", dt=0.1)
-    assert_refuses(write("NPTS= 4, DT= .01\n.1 O.2 .3 .4\n"), 2, "'O.2'")
+@pytest.mark.parametrize("row", REFUSED, ids=[repr(row[0][:12]) for row in REFUSED])
+def test_a_file_without_a_record_or_with_too_much_is_refused(write, row):
+    content, line, says, *dt = row
+    assert_refuses(write(content), line, says, **({"dt": dt[0]} if dt else {}))
 
 
 @pytest.mark.parametrize(
@@ -121,12 +110,6 @@ def test_a_damaged_first_row_is_not_taken_for_a_header(write):
 def test_velocity_and_displacement_histories_are_refused(write, header, kind, body):
     path = write(f"a title\n{header}\n{body}", "quake.AT2")
     assert_refuses(path, 2, f"must be an acceleration history, but .* {kind}$")
-
-
-@pytest.mark.parametrize("text", ["NPTS= 1, DT= .01\n.5\n", ".5\n", "0 .5\n"])
-def test_a_single_sample_is_refused(write, text):
-    path = write(text)
-    assert_refuses(path, "1" if text.startswith("0") else None, "at least two samples", dt=0.01)
 
 
 def fixed(values, form, width):

@@ -19,17 +19,14 @@ def test_known_and_unknown_capacities_are_fitted():
     assert curve.median_error == pytest.approx(curve.median * z.std(ddof=1) / 40**0.5)
     # Its data are the empirical distribution.
     shares = curve.pounding / curve.trials
-    np.testing.assert_allclose(
-        shares, [(curve.intensity[i] >= CAPACITIES).mean() for i in range(40)]
-    )
+    np.testing.assert_allclose(shares, [(x >= CAPACITIES).mean() for x in curve.intensity[:40]])
     assert "from 40 capacities" in repr(curve)
     most = 0.7
     seen = np.where(most >= CAPACITIES, CAPACITIES, np.inf)
     curve = jp.fit_capacities(seen, most)
-    data = stats.CensoredData.right_censored(
-        np.log(np.minimum(CAPACITIES, most)), most < CAPACITIES
-    )
-    mean, spread = stats.norm.fit(data)
+    logarithms = np.log(np.minimum(CAPACITIES, most))
+    censored = stats.CensoredData.right_censored(logarithms, most < CAPACITIES)
+    mean, spread = stats.norm.fit(censored)
     assert np.log(curve.median) == pytest.approx(mean, abs=1e-4)
     assert curve.dispersion == pytest.approx(spread, rel=1e-3)
     assert f"{np.isinf(seen).sum()} more above what was analysed" in repr(curve)

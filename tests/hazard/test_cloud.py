@@ -1,5 +1,7 @@
 """Clouds: the regression, its fragility, and demands that are only known to be large."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy import optimize, stats
@@ -13,6 +15,8 @@ from tests.refusals import refusals
 RANDOM = np.random.default_rng(3)
 IM = np.exp(RANDOM.uniform(-2, 0.5, 400))
 DEMAND = 0.1 * IM**1.2 * np.exp(0.3 * RANDOM.standard_normal(400))
+of_pair = partial(jp.cloud_analysis, PAIR, SUITE, scales=SCALES)
+of_row = partial(jp.cloud_analysis, ROW, SUITE, scales=ROW_SCALES)
 
 
 def test_a_cloud_is_a_regression_of_logarithms_and_its_fragility_the_share_above_the_threshold():
@@ -60,7 +64,7 @@ def test_censored_demands_maximise_the_likelihood():
 
 
 def test_records_as_they_are():
-    cloud = jp.cloud_analysis(PAIR, SUITE, scales=SCALES)
+    cloud = of_pair()
     np.testing.assert_allclose(cloud.intensity, SUITE.pgas)
     single = analysed(intensities=[1.0], measure=np.ones(3))
     np.testing.assert_allclose(cloud.demand, single.demands[:, 0], rtol=1e-10)
@@ -79,10 +83,7 @@ test_wrong_arguments = refusals(
     (lambda: jp.fit_cloud(IM, DEMAND).fragility(), "threshold = None must be a number"),
     (lambda: jp.fit_cloud(IM, DEMAND).fragility([0.1, 0.2]), r"threshold of shape \(2,\) must"),
     (lambda: jp.fit_cloud(IM, DEMAND).median(-1.0), "Cloud.median: intensity = -1 must be pos"),
-    (lambda: jp.cloud_analysis(PAIR, SUITE, scales=SCALES, threshold=0), "threshold = 0 must"),
-    (
-        lambda: jp.cloud_analysis(ROW, SUITE, scales=ROW_SCALES),
-        "threshold = None must be a gap: those at rest of the links differ",
-    ),
+    (lambda: of_pair(threshold=0), "threshold = 0 must"),
+    (of_row, "threshold = None must be a gap: those at rest of the links differ"),
     (lambda: jp.fit_cloud(IM, 1 / DEMAND).fragility(1.0), "slope b = -1.* must be positive"),
 )

@@ -91,7 +91,6 @@ def test_the_coefficient_of_variation_is_the_delta_method_s_and_probabilities_po
     for years in (1.0, 50.0, 475.0):
         found = [CURVE.intensity_at(p, years) for p in CURVE.probability(years)[[0, 3, 4]]]
         assert found == pytest.approx(CURVE.intensity[[0, 3, 4]])
-    rate = RATE
     assert rate.probability(50.0).value == pytest.approx(1 - np.exp(-50 * rate.value))
     assert rate.return_period == pytest.approx(1 / rate.value)
     assert CURVE.probability(50.0) == pytest.approx(1 - np.exp(-50 * CURVE.annual_rate))
@@ -166,18 +165,16 @@ def test_a_rate_says_whose_it_is():
 
 
 def test_deaggregation_adds_up_in_bands_that_hold_the_rate_wherever_it_comes_from():
-    rate = RATE
-    whole = rate.deaggregation(np.r_[0.0, CURVE.intensity, np.inf])
-    assert whole.rate.sum() == pytest.approx(rate.value, rel=1e-12)
-    assert (whole.rate[0], whole.rate[-1]) == (rate.below, rate.above)
+    whole = RATE.deaggregation(np.r_[0.0, CURVE.intensity, np.inf])
+    assert whole.rate.sum() == pytest.approx(RATE.value, rel=1e-12)
+    assert (whole.rate[0], whole.rate[-1]) == (RATE.below, RATE.above)
     assert whole.rate[2] == 0  # no earthquake is between 0.2 and 0.21
-    split = rate.deaggregation([0.2, 0.3, 0.4, 0.6])
-    joint = rate.deaggregation([0.2, 0.4, 0.6])
+    split, joint = map(RATE.deaggregation, ([0.2, 0.3, 0.4, 0.6], [0.2, 0.4, 0.6]))
     assert split.rate[:2].sum() == pytest.approx(joint.rate[0], rel=1e-12)
-    usual = rate.deaggregation(bands=40)
+    usual = RATE.deaggregation(bands=40)
     assert 0.997 < usual.share.sum() < 1
     assert 0.4 < usual.mean < 0.6
-    assert "outside these bands 0.2 %" in repr(rate.deaggregation())
+    assert "outside these bands 0.2 %" in repr(RATE.deaggregation())
     wide = jp.Fragility(0.5, 0.4, np.diag([1e10, 1e-2]))
     assert "(no 95% interval)" in repr(CURVE.annual_rate_of(wide))
     assert np.isnan(RATE.deaggregation([0.0, np.inf]).mean)
@@ -322,9 +319,8 @@ test_bad_values_are_named = refusals(
 
 def test_estimates_are_scaled_and_rates_told_with_their_bounds():
     found = CURVE.annual_rate_of(jp.Estimate(0.1, 0.08, 0.125, 0.9))
-    assert (found.value, found.low, found.high, found.confidence) == pytest.approx(
-        (1e-3, 8e-4, 1.25e-3, 0.9)
-    )
+    numbers = (found.value, found.low, found.high, found.confidence)
+    assert numbers == pytest.approx((1e-3, 8e-4, 1.25e-3, 0.9))
     assert found.cov == pytest.approx(np.log(1.25) / stats.norm.ppf(0.95))
     assert np.isnan(CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).cov)
     # A fragility of low intensities: nearly every earthquake beyond the curve's end pounds.
@@ -335,17 +331,15 @@ def test_estimates_are_scaled_and_rates_told_with_their_bounds():
 
 
 def test_the_figure_has_the_curve_above_its_deaggregation():
-    rate = RATE
-    figure = hazards.pounding(CURVE, rate)
+    figure, bands = hazards.pounding(CURVE, RATE), RATE.deaggregation()
     above, below = figure.axes
     np.testing.assert_array_equal(above.lines[0].get_xdata(), CURVE.intensity)
     np.testing.assert_array_equal(above.lines[0].get_ydata(), CURVE.annual_rate)
     assert above.lines[2].get_ydata()[0] == pytest.approx(-np.log(0.98) / 50)
     shares = [bar.get_height() for bar in below.containers[0]]
-    np.testing.assert_allclose(shares, 100 * rate.deaggregation().share)
+    np.testing.assert_allclose(shares, 100 * bands.share)
     assert above.get_xlim() == below.get_xlim()
     assert below.get_xlabel() == "PGA (g)"
-    bands = rate.deaggregation()
     lines = below.containers[1].lines[2][0].get_segments()
     top = [line[1, 1] for line in lines]
     np.testing.assert_allclose(top, 100 * bands.share * (1 + bands.cov))

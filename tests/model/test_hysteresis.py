@@ -61,10 +61,7 @@ def test_bouc_wen_follows_its_differential_equation(exponent, beta, worn):
     assert np.isfinite(at_once).all()
     assert np.abs(forces).max() < 0.1 * (1 + 0.02 * 3.5)
 
-
-def test_derivatives_at_rest_are_finite():
-    law = jp.BoucWen(0.1, 0.02, 1.0, 0.5)
-
+    # At rest, too, derivatives are finite.
     def force(law):
         return law.reduced_force(0.0, law.advance(law.start(0.0), 0.0, 0.0))
 
@@ -118,6 +115,9 @@ def test_a_row_that_yields_is_the_same_in_both_units():
     assert energy.yielding[-1] == pytest.approx(total, rel=1e-5)
 
 
+WEAK, STOREY = FRAME.yielding(yield_drift=0.005), FRAME.storeys[0]
+SOFT = jp.ShearBuilding((replace(STOREY, stiffness=1e5),))
+
 test_refused = refusals(
     (jp.Bilinear, 0.0, r"Bilinear: yield_displacement = 0 must be positive and finite"),
     (jp.Bilinear, 0.1, 1.5, r"hardening = 1.5 must be between -1 and 1"),
@@ -126,21 +126,7 @@ test_refused = refusals(
     (jp.base_shear_coefficient, 0.5, "DCX", r"ductility_class = 'DCX' must be a class"),
     (FRAME.yielding, r"a strength by nothing must be by one of yield_force, base_shear"),
     (lambda: FRAME.yielding(yield_force=-1.0), r"yield_force = -1 must be between 1e-06 and"),
-    (
-        lambda: FRAME.yielding(yield_drift=0.005).with_p_delta(),
-        r"ultimate_displacement = inf must be finite",
-    ),
-    (
-        lambda: (
-            replace(FRAME.storeys[0], stiffness=1e6)
-            and jp.ShearBuilding((replace(FRAME.storeys[0], stiffness=1e5),)).with_p_delta()
-        ),
-        r"must be below 1: else the weight buckles the storey",
-    ),
-    (
-        lambda: jp.dimensionless(
-            FRAME.yielding(yield_drift=0.01).storeys[0], FRAME.storeys[0], 0, 1
-        ),
-        r"building_1.hysteresis must be None",
-    ),
+    (WEAK.with_p_delta, r"ultimate_displacement = inf must be finite"),
+    (SOFT.with_p_delta, r"must be below 1: else the weight buckles the storey"),
+    (jp.dimensionless, WEAK.storeys[0], STOREY, 0, 1, r"building_1.hysteresis must be None"),
 )

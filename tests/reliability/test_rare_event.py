@@ -297,19 +297,13 @@ def two_demands(demand):
     return np.ones(2) * demand.pga
 
 
-BY_POINTS = {"method": "design points"}
-
+BY_POINTS, MISSPELT = {"method": "design points"}, {"method": "desing points"}
 MEASURE = {"threshold": 1.0}
 
 test_bad_input = refusals(
     (FEW, -1, {}, "gap = -1"),
     (FEW, 1.0, {"cov": 1.5}, "cov = 1.5"),
-    (
-        FEW,
-        1.0,
-        {"method": "desing points"},
-        "method = 'desing points'; did you mean 'design points'",
-    ),
+    (FEW, 1.0, MISSPELT, "method = 'desing points'; did you mean 'design points'"),
     (FEW, None, {"demand": "peak_x3"} | MEASURE, "unknown demand 'peak_x3'"),
     (FEW, None, {"demand": "peak_x1"}, "threshold = None"),
     (FEW, 1.0, {"demand": "peak_x1"}, "gap = 1.0 must be None"),
