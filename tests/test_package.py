@@ -29,21 +29,11 @@ PACKAGE = Path(jp.__file__).parent  # the clone's or, where a release is checked
 # named by its modules.
 WINGS = [
     {"_"},  # the helpers at the root: _checks, _fields and so on
-    {"quantities", "grid", "store"},
-    {"model"},
-    {"results"},
-    {"ground"},
-    {"units", "paper", "scenarios"},
-    {"buildings"},
-    {"simulation"},
-    {"study"},
-    {"reliability"},
-    {"hazard"},
-    {"design"},
-    {"plots"},
+    *({"quantities", "grid", "store"}, {"model"}, {"results"}, {"ground"}),
+    *({"units", "paper", "scenarios"}, {"buildings"}, {"simulation"}, {"study"}),
+    *({"reliability"}, {"hazard"}, {"design"}, {"plots"}),
     {""},  # the package itself: the public names, from wherever they are
-    {"cli"},
-    {"__main__"},
+    *({"cli"}, {"__main__"}),
 ]
 
 UPWARDS = {("jaxpound.results.response", "jaxpound.plots")}

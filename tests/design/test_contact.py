@@ -12,16 +12,13 @@ from tests.design.layouts import parameters_of_pair
 from tests.refusals import refusals, refused
 
 GRID = jp.TimeGrid(0.1, 50)
-TOUCHING = dataclasses.replace(
-    jp.paper.structures(), friction=0.02, initial_gap=0.05, contact=jp.Newton(0.65)
-)
+PAIR = {"friction": 0.02, "initial_gap": 0.05, "contact": jp.Newton(0.65)}
+TOUCHING = dataclasses.replace(jp.paper.structures(), **PAIR)
+RUNS = 62
 
 
 def wave(amplitude):
     return jp.Ricker(amplitude, [2.5], [2.0])
-
-
-RUNS = 62
 
 
 def pair(gap, contact):
@@ -108,9 +105,9 @@ def test_stiffness_and_restitution_from_measured_bounces():
     assert len(impacts) >= 2
     measured = {name: x + noise[name] * random.normal(size=x.size) for name, x in exact.items()}
     measured["impacts.time"][0] = np.nan
-    space = jp.DesignSpace(
-        pad, {"contact.stiffness": jp.Bounds(50, 800, "log"), "contact.restitution": (0.3, 1.0)}
-    )
+    stiffness = jp.Bounds(50, 800, "log")
+    bounds = {"contact.stiffness": stiffness, "contact.restitution": (0.3, 1.0)}
+    space = jp.DesignSpace(pad, bounds)
     found = jp.calibrate(space, measured, wave(0.3), GRID, noise=noise, start=start, starts=1)
     for path, value in truth.items():
         estimate = found.parameters[path]

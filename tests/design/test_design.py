@@ -252,9 +252,8 @@ def test_a_search_goes_on_where_it_was_stopped(stand_in, tmp_path):
 
 
 def test_seeds_repeat_a_search_and_it_ends_without_progress(stand_in):
-    shares, same, other = (
-        search(key=key, batch=4, iterations=20).history.shares for key in (1, 1, 2)
-    )
+    batch = partial(search, batch=4, iterations=20)
+    shares, same, other = (batch(key=key).history.shares for key in (1, 1, 2))
     np.testing.assert_array_equal(shares, same)
     assert not np.array_equal(shares[:, 1:], other[:, 1:])
     np.testing.assert_array_equal(shares[0, 0], other[0, 0])
@@ -279,10 +278,8 @@ def test_a_callback_is_told_where_every_start_is(stand_in):
 def test_si_units_are_those_of_the_demands():
     scales, ground = jp.Scales(mass=500e3, frequency=7.0), jp.paper.ground()
     made = SPACE.structures(np.array([0.3, 0.4]))
-    plain, si = (
-        DesignProblem(SPACE, ENSEMBLE, GRID, jp.Scheme(), MEAN, units).demands(made, ground)
-        for units in (None, scales)
-    )
+    problem = partial(DesignProblem, SPACE, ENSEMBLE, GRID, jp.Scheme(), MEAN)
+    plain, si = (problem(units).demands(made, ground) for units in (None, scales))
     length, force, g = (float(x) for x in (scales.length, scales.force, scales.gravity))
     lengths = ("min_gap", "initial_gap", "residual_offset", "peak_x1", "peak_x2", "slip_distance")
     units = dict.fromkeys(lengths, length)

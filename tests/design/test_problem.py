@@ -35,9 +35,8 @@ def test_prices_are_those_that_the_system_has():
     assert {"damper_force_1", "damper_force_2", "total_damper_force"} <= {*several}
     assert not {"damper_force", "slip_distance", "peak_x5", "peak_drift"} & {*several}
     first, second = linked(0.3, 0.3).links
-    mixed = dataclasses.replace(
-        linked(0.3, 0.3), links=(first, dataclasses.replace(second, contact=jp.Newton(0.65)))
-    )
+    second = dataclasses.replace(second, contact=jp.Newton(0.65))
+    mixed = dataclasses.replace(linked(0.3, 0.3), links=(first, second))
     own = {f"{name}_2" for name in {*LIMITED_OF_PAIR} - {*without}}
     assert {*limited_demands(mixed)} - {*several} == own | {*OF_CONTACTS}
     assert {"peak_drift", "peak_acceleration"} <= {*limited_demands(SYSTEM)}
@@ -64,11 +63,10 @@ def test_a_system_is_designed():
     np.testing.assert_allclose(after["residual_offset"], wanted, rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("system", "variables"),
-    [(OPEN, FRICTION), (dataclasses.replace(SYSTEM, links=()), {"masses.0": (0.5, 1.0)})],
-    ids=["no gap", "no link"],
-)
+NO_LINK = dataclasses.replace(SYSTEM, links=()), {"masses.0": (0.5, 1.0)}
+
+
+@pytest.mark.parametrize(("system", "variables"), [(OPEN, FRICTION), NO_LINK])
 def test_without_a_gap_a_goal_of_gaps_is_refused(system, variables):
     for goal in (jp.MeanGap(), jp.GapAtRest(), jp.PoundingProbability()):
         named = rf"goal = {type(goal).__name__}\(.*\) must not be of gaps"
@@ -81,18 +79,15 @@ def test_without_a_gap_a_goal_of_gaps_is_refused(system, variables):
     refused(says, problem, system, variables, goal=goal)
 
 
-@pytest.mark.parametrize(
-    ("system", "variables"),
-    [(linked(0.3, 0.4), FRICTION), (linked(0.3, 0.3), {"links.1.gap": (0.1, 1.0)})],
-    ids=["two gaps", "one of two gaps chosen"],
-)
-def test_a_probability_at_one_gap_is_refused_where_gaps_differ(system, variables):
-    assert problem(system, variables, goal=jp.PoundingProbability()).columns[1] == "min_gap_1"
+def test_a_probability_at_one_gap_is_refused_where_gaps_differ_or_one_is_chosen():
     goal, says = (
         jp.PoundingProbability(0.3),
         "^design_damper: objective: PoundingProbability: gap mu",
     )
-    refused(says, problem, system, variables, goal=goal)
+    chosen = linked(0.3, 0.3), {"links.1.gap": (0.1, 1.0)}
+    for system, variables in ((linked(0.3, 0.4), FRICTION), chosen):
+        assert problem(system, variables, goal=jp.PoundingProbability()).columns[1] == "min_gap_1"
+        refused(says, problem, system, variables, goal=goal)
     problem(linked(0.3, 0.3), FRICTION, goal=goal)
 
 

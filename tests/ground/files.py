@@ -31,9 +31,8 @@ def assert_refuses(path, line, says, error=ValueError, **arguments):
     assert "\n" not in str(caught.value)
 
 
-COUNTS = np.round(7000 + 900 * np.sin(np.arange(200) / 7) * np.exp(-np.arange(200) / 90)).astype(
-    int
-)
+SHAKING = np.sin(np.arange(200) / 7) * np.exp(-np.arange(200) / 90)
+COUNTS = np.round(7000 + 900 * SHAKING).astype(int)
 COUNTS[16:18] = 9700, 9876
 
 

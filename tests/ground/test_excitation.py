@@ -125,18 +125,14 @@ def test_velocities_are_exact_where_they_are_known():
 
         @jax.jit
         def both(ground=ground):
-            at, before, after = (
-                -RECORD.velocity(x) - 2 * ground.velocity(x) for x in (t, t - h / 2, t + h / 2)
-            )
+            times = t, t - h / 2, t + h / 2
+            at, before, after = (-RECORD.velocity(x) - 2 * ground.velocity(x) for x in times)
             combined = RECORD - 2 * (ground + RECORD)
             return combined.velocity_and_bulge(t, h), (at, (before + after) / 2)
 
         (velocity, bulge), expected = both()
         np.testing.assert_allclose(velocity, expected[0], rtol=1e-12, atol=1e-13)
         np.testing.assert_allclose(velocity + bulge, expected[1], rtol=1e-12, atol=1e-13)
-
-
-# The cost of derivatives
 
 
 def scan_bodies(jaxpr):

@@ -63,9 +63,6 @@ def test_measures_work_batched_and_ask_for_a_grid_where_they_need_one(measure):
     refused(r"grid = 0\.1 must be a TimeGrid", measure, sine, 0.1)
 
 
-# The spectrum.
-
-
 def test_spectral_accelerations_of_a_sudden_force_and_a_stiff_oscillator():
     """u'' = −1 from t = 0: x rises to (1 + e^(−πζ/√(1 − ζ²))) / ω²."""
     record = jp.Record(-np.ones(2001), 0.002)
@@ -78,7 +75,7 @@ def test_spectral_accelerations_of_a_sudden_force_and_a_stiff_oscillator():
     assert float(spectrum(record, 0.01, 0.05)) == pytest.approx(1.0, rel=1e-2)
 
 
-def test_spectral_acceleration_is_exact_at_any_step():
+def test_spectral_acceleration_and_its_slopes_are_exact_at_any_step():
     """Against a fine integration of the same straight lines, peaks between samples included."""
     record = jp.Record(np.random.default_rng(0).normal(size=60), 0.1)
     spectrum = jax.jit(lambda period: jp.spectral_acceleration(record, period=period))
@@ -93,9 +90,7 @@ def test_spectral_acceleration_is_exact_at_any_step():
         fine = {"t_eval": times, "max_step": 0.02, "rtol": 1e-9, "atol": 1e-12}
         exact = solve_ivp(motion, (0, times[-1]), [0, 0], **fine)
         assert float(spectrum(period)) == pytest.approx(w**2 * np.abs(exact.y[0]).max(), rel=1e-6)
-
-
-def test_spectral_acceleration_has_exact_slopes_at_peaks_between_samples():
+    # So are its slopes.
     record = jp.Record(np.random.default_rng(1).normal(size=60), 0.1)
     spectrum = jax.jit(lambda p: jp.spectral_acceleration(record, period=p[0], damping=p[1]))
     at = np.array([0.9, 0.05])

@@ -218,23 +218,20 @@ def test_evolving_noise_differentiates():
     np.testing.assert_allclose(jax.jit(jax.grad(total))(point), numeric, rtol=1e-5, atol=1e-4)
 
 
-@pytest.mark.parametrize(("duration", "mid_time"), [(12.0, 8.0), (5.0, 20.0), (30.0, 7.0)])
-def test_the_modulating_function_has_its_arias_intensity_duration_and_mid_time(duration, mid_time):
-    t = np.linspace(0.0, 150.0, 60_001)
-    q = np.asarray(jax.jit(modulation)(t, 0.05, duration, mid_time))
-    grown = np.pi / 2 * integrate.cumulative_simpson(q**2, x=t, initial=0.0)
-    assert grown[-1] == pytest.approx(0.05, rel=1e-4)
-    early, middle, late = np.interp(np.array([0.05, 0.45, 0.95]) * 0.05, grown, t)
-    assert late - early == pytest.approx(duration, rel=1e-3)
-    assert middle == pytest.approx(mid_time, rel=1e-3)
-
-
-def test_a_duration_out_of_reach_leaves_the_mid_time():
-    """The modulating function is then that of an exponential density, the last without a pole."""
+def test_the_modulating_function_has_its_arias_intensity_duration_and_mid_time():
+    t, modulated = np.linspace(0.0, 150.0, 60_001), jax.jit(modulation)
+    for duration, mid_time in ((12.0, 8.0), (5.0, 20.0), (30.0, 7.0)):
+        q = np.asarray(modulated(t, 0.05, duration, mid_time))
+        grown = np.pi / 2 * integrate.cumulative_simpson(q**2, x=t, initial=0.0)
+        assert grown[-1] == pytest.approx(0.05, rel=1e-4)
+        early, middle, late = np.interp(np.array([0.05, 0.45, 0.95]) * 0.05, grown, t)
+        assert late - early == pytest.approx(duration, rel=1e-3)
+        assert middle == pytest.approx(mid_time, rel=1e-3)
+    # Out of reach it leaves the mid-time: an exponential density, the last without a pole.
     t = np.array([0.5, 3.0, 20.0])
     scale = 4.0 / stats.expon.ppf(0.45)
     expected = np.sqrt(2 / np.pi * stats.expon.pdf(t, scale=scale))
-    np.testing.assert_allclose(jax.jit(modulation)(t, 1.0, 30.0, 4.0), expected, rtol=1e-9)
+    np.testing.assert_allclose(modulated(t, 1.0, 30.0, 4.0), expected, rtol=1e-9)
 
 
 def test_the_high_pass_filter_is_a_critically_damped_oscillator():

@@ -51,7 +51,7 @@ def test_what_is_hardly_meant_is_warned_of_or_refused(run, structures, ground, m
     refused(f"^{run.__name__}: {message}", run, structures, ground, GRID, strict=True)
 
 
-def test_what_is_meant_is_not_warned_of():
+def test_what_is_meant_or_traced_is_not_warned_of_and_all_else_once():
     """The suite makes errors of warnings."""
     shaking = jp.Ricker([0.5, 0.5], [0.8, 2.0], [1.0, 2.0])
     jp.demand(PAIR, shaking, GRID, strict=True)  # eight steps; its PGA of 46 is of no unit
@@ -59,27 +59,20 @@ def test_what_is_meant_is_not_warned_of():
     demand = jp.demand(PAIR, shaking, GRID)
     moved = float(demand.peak_x1 + demand.peak_x2)
     jp.demand(far(0.99 * MOST_GAP * moved), shaking, GRID, strict=True)
-
-
-def test_a_warning_is_given_once_where_a_line_runs_often():
+    # A warning is given once where a line runs often.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         for _ in range(3):
             jp.demand(far(0.0), SHORT, GRID)
     assert len(caught) == 1
 
-
-def test_traced_values_cannot_be_judged():
-
+    # Traced values cannot be judged.
     def min_gap(gap, factor):
         return jp.demand(far(gap), factor * LOUD + SHORT, GRID, strict=True).min_gap
 
     jax.eval_shape(min_gap, 1e4, 1.0)
     slopes = jax.vmap(jax.grad(min_gap, argnums=1))
     jax.eval_shape(slopes, jnp.full(2, 1e4), jnp.ones(2))
-
-
-# Ground motions answer for themselves.
 
 
 class Buzz:
@@ -178,9 +171,6 @@ def test_every_run_tells_of_an_earthquake_that_comes_after_its_end():
         ("monte_carlo", study, (jp.Scenarios(PAIR, drawn), 1000, GRID), outlasting),
     ):
         refused(f"^{name}: {says}", run, *arguments, strict=True)
-
-
-# Many earthquakes.
 
 
 def scenarios(periods, amplitude=1e-4):

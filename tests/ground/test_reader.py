@@ -35,10 +35,9 @@ def test_wrong_arguments_are_named(write, arguments, says):
 
 
 def test_a_peak_above_that_of_most_records_in_g_and_none_at_all_are_warned_of(write):
-    rows, still = (
-        "".join(f"{0.01 * i:.2f} {peak * np.sin(0.1 * i):.4f}\n" for i in range(200))
-        for peak in (3.0, 0.0)
-    )
+    row, steps = "{:.2f} {:.4f}\n".format, range(200)
+    rows = "".join(row(0.01 * i, 3.0 * np.sin(0.1 * i)) for i in steps)
+    still = "".join(row(0.01 * i, 0.0) for i in steps)
     with pytest.warns(PlausibilityWarning, match=r"no unit is stated, and in g the peak is 3 g: "):
         read_record(write(rows))
     for units in ("g", "m/s2"):  # no doubt is left

@@ -56,12 +56,11 @@ def test_ricker_is_the_sum_of_its_wavelets(quantity):
     np.testing.assert_allclose(weighted, expected, rtol=1e-12, atol=1e-13)
 
 
-@pytest.mark.parametrize("shape", [(), (1,), (4,), (2, 3), (0,)])
-def test_motions_have_the_shape_of_time(shape):
-    t = np.full(shape, 0.7)
+def test_motions_have_the_shape_of_time():
     for ground in (jp.Ricker(0.5, [1, 2, 3], [1, 2, 3]), jp.Ricker(0.5, 1, 2), RECORD):
         for motion in (ground, 2 * ground, ground + ground):
-            assert jax.eval_shape(motion.acceleration, t).shape == shape
+            for shape in ((), (1,), (4,), (2, 3), (0,)):
+                assert jax.eval_shape(motion.acceleration, np.full(shape, 0.7)).shape == shape
 
 
 test_ricker_refuses_bad_values = refusals(

@@ -59,9 +59,8 @@ def test_ranges_targets_and_their_damping():
     # Plateaus and branches in 1/T of codes are exact.
     np.testing.assert_allclose(TARGET.at([0.0, 0.05, 0.3]), [0.3, 0.525, 0.75])
     np.testing.assert_allclose(TARGET.at([1.0, 2.0, 4.0]), 0.375 / np.array([1.0, 2.0, 4.0]))
-    assert [OF_EN(0.2, "A", damping=x).damping for x in (0.02, 0.1, 0.4)] == pytest.approx(
-        [0.02, 0.1, 0.4]
-    )
+    for damping in (0.02, 0.1, 0.4):
+        assert OF_EN(0.2, "A", damping=damping).damping == pytest.approx(damping)
 
 
 TARGETS, OF_EN, ONES = jp.TargetSpectrum, jp.TargetSpectrum.en_1998, [1.0, 1.0]

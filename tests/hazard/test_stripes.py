@@ -9,9 +9,8 @@ from tests.ground.test_suite import SUITE
 from tests.hazard.test_ida import LADDER, LEFT, PAIR, RIGHT, SCALES
 from tests.refusals import refused
 
-ROW, ROW_SCALES = jp.dimensionless_row(
-    (LEFT, RIGHT, LEFT), [jp.FloorLink(0, 0, gap=0.02), jp.FloorLink(1, 0, gap=0.5)]
-)
+LINKS = [jp.FloorLink(0, 0, gap=0.02), jp.FloorLink(1, 0, gap=0.5)]
+ROW, ROW_SCALES = jp.dimensionless_row((LEFT, RIGHT, LEFT), LINKS)
 
 
 def striped(records, structures=PAIR, **changed):

@@ -4,7 +4,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -15,35 +14,22 @@ from tests.refusals import refusals
 FRAME = jp.ShearBuilding.from_period(3, 300e3, period=0.5, damping_ratio=0.05)
 
 
-@jax.jit
-def moved(law, state, before, after):
-    """The state at the end of a path's piece, and the reduced force there."""
-    state = law.advance(state, before, after)
-    return state, law.reduced_force(after, state)
-
-
-def loop(law, elongations):
-    """Reduced forces along a path, and the state at its end."""
-    state, forces = jax.tree.map(jnp.asarray, law.start(0.0)), []
-    for before, after in pairwise(elongations):
-        state, force = moved(law, state, float(before), float(after))
-        forces.append(float(force))
-    return np.array(forces), state
-
-
 def test_a_bilinear_rod_dissipates_the_area_of_its_loop():
-    law = jp.Bilinear(0.1, 0.05)
-    forces, state = loop(law, [0.0, 0.4, -0.4, 0.4])
-    np.testing.assert_allclose(forces, [0.115, -0.115, 0.115], rtol=1e-12)
+    law, turns = jp.Bilinear(0.1, 0.05), [0.0, 0.4, -0.4, 0.4]
+    test = jp.cyclic_test(law, turns, steps=1)
+    np.testing.assert_allclose(test.force[1:], [0.115, -0.115, 0.115], rtol=1e-12)
     quarter, area = 0.95 * 0.1 * 0.3, 4 * 0.95 * 0.1 * 0.3
-    assert state.dissipated == pytest.approx(quarter + area, rel=1e-12)
+    assert test.dissipated[-1] == pytest.approx(quarter + area, rel=1e-12)
+    state = law.start(0.0)
+    for before, after in pairwise(turns):
+        state = law.advance(state, before, after)
     assert law.kink(state, -1.0)[0] == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(("exponent", "beta", "worn"), [(1.0, 0.3, 0.0), (2.6, 0.7, 0.05)])
 def test_bouc_wen_follows_its_differential_equation(exponent, beta, worn):
     law = jp.BoucWen(0.1, 0.02, exponent, beta, worn, worn)
-    path, state = np.concatenate([np.linspace(0, 0.35, 60), np.linspace(0.35, -0.3, 100)]), None
+    path = np.concatenate([np.linspace(0, 0.35, 60), np.linspace(0.35, -0.3, 100)])
 
     def rates(_, y, side):
         z, energy = y
@@ -55,11 +41,11 @@ def test_bouc_wen_follows_its_differential_equation(exponent, beta, worn):
     options = {"rtol": 1e-10, "atol": 1e-12, "max_step": 0.01}
     way = solve_ivp(rates, (0, 0.35), [0.0, 0.0], args=(1.0,), **options).y[:, -1]
     exact = solve_ivp(rates, (0, 0.65), way, args=(-1.0,), **options).y[:, -1]
-    forces, state = loop(law, list(path))
-    np.testing.assert_allclose([state.z, state.dissipated], exact, rtol=3e-3)
-    at_once, _ = loop(law, [0.0, 10.0, -10.0])
-    assert np.isfinite(at_once).all()
-    assert np.abs(forces).max() < 0.1 * (1 + 0.02 * 3.5)
+    test = jp.cyclic_test(law, path, steps=1)
+    z = (test.force[-1] - 0.02 * path[-1]) / (0.98 * 0.1)
+    np.testing.assert_allclose([z, test.dissipated[-1]], exact, rtol=3e-3)
+    assert np.isfinite(jp.cyclic_test(law, [0.0, 10.0, -10.0], steps=1).force).all()
+    assert np.abs(test.force).max() < 0.1 * (1 + 0.02 * 3.5)
 
     # At rest, too, derivatives are finite.
     def force(law):

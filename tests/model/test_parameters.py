@@ -23,9 +23,8 @@ TOWER = jp.System(
     links=(jp.Link((1, jp.GROUND), 0.3),),
 )
 POUNDING = dataclasses.replace(PAPER, contact=jp.KelvinVoigt(400.0, 0.65))
-BUMPER = dataclasses.replace(
-    TOWER, links=(jp.Link((1, jp.GROUND), 0.3, gap=1.0, contact=jp.Newton(0.5)),)
-)
+WALL = jp.Link((1, jp.GROUND), 0.3, gap=1.0, contact=jp.Newton(0.5))
+BUMPER = dataclasses.replace(TOWER, links=(WALL,))
 
 
 def test_paths_are_those_of_the_leaves_what_bounds_another_first():

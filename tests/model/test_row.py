@@ -70,6 +70,9 @@ UPWARDS, DOWN = FloorLink(0, 0, next_floor=1), FloorLink(0, 1, 0)
 LEFTWARDS, TO_ITSELF = FloorLink(1, 0, next_building=0), FloorLink(0, 1, 1, next_building=0)
 TO_GROUND, TIE = partial(FloorLink, next_building=jp.GROUND), Rod(STEEL, 1.0, (0, 1))
 
+TWICE = r"links.2 \(1–2, floor 2\) must not stand where links.1 does: one link has friction, "
+TWICE += r"damper, gap and contact, and gap=\(left, right\) makes one of two faces"
+
 test_links_that_cannot_be_are_refused = refusals(
     ((FloorLink(0, 3),), r"links.0: floor = 3 must be from 0 to 2: building 1 has 3 floors"),
     ((FloorLink(0, 2),), r"links.0: next_floor = 2 must be from 0 to 1: building 2 has 2 floors"),
@@ -77,11 +80,7 @@ test_links_that_cannot_be_are_refused = refusals(
     ((FloorLink(4, 0),), "links.0: building = 4 must be from 0 to 1"),
     ((LEFTWARDS,), r"next_building = 0 must be 2 \(to the right\), 1 itself or the ground"),
     ((TO_ITSELF,), "in 1, floor 2 must be two different floors"),
-    (
-        (LOWEST, LEVEL, LEVEL),
-        r"links.2 \(1–2, floor 2\) must not stand where links.1 does: one link has friction, "
-        r"damper, gap and contact, and gap=\(left, right\) makes one of two faces",
-    ),
+    ((LOWEST, LEVEL, LEVEL), TWICE),
     ((LOWEST, UPWARDS, DOWN, LEVEL), r"links.3 \(1–2, floor 2\) must not close a ring"),
     of=lambda links: Row((HIGH, LOW), links),
 )

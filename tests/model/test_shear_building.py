@@ -31,10 +31,8 @@ def test_the_first_mode_has_the_period_and_damping_asked_for_and_one_storey_is_a
 
 def test_free_vibrations_are_those_of_spectra_and_of_textbooks_wherever_damping_sits():
     for orders in ((1.0, 1.0, 1.0), (0.5, 0.7, 0.5)):
-        rods = tuple(
-            jp.Rod(jp.ZenerRod(order, 0.02, 0.08), 10.0 - i) for i, order in enumerate(orders)
-        )
-        building = jp.Storeys((1.0, 0.9, 0.7), rods)
+        laws = [jp.ZenerRod(order, 0.02, 0.08) for order in orders]
+        building = jp.Storeys((1.0, 0.9, 0.7), tuple(map(jp.Rod, laws, (10.0, 9.0, 8.0))))
         known = linear.vibrations(building.system())
         found = jp.modes(building).eigenvalues
         np.testing.assert_allclose(found, known, rtol=1e-10 if orders[0] == 1 else 2e-4)
@@ -46,9 +44,8 @@ def test_free_vibrations_are_those_of_spectra_and_of_textbooks_wherever_damping_
     np.testing.assert_allclose(modes.frequencies, omega, rtol=1e-6)
     np.testing.assert_allclose(modes.damping_ratios, c * omega / 2, rtol=1e-6)
     np.testing.assert_allclose(np.abs(modes.eigenvalues), omega, rtol=1e-6)
-    np.testing.assert_allclose(
-        -modes.eigenvalues.real / np.abs(modes.eigenvalues), c * omega / 2, rtol=1e-6
-    )
+    shares = -modes.eigenvalues.real / np.abs(modes.eigenvalues)
+    np.testing.assert_allclose(shares, c * omega / 2, rtol=1e-6)
     assert modes.participation.sum() == pytest.approx(1, rel=1e-9)
     shape = np.sin((np.arange(n) + 1) * np.pi / (2 * n + 1))
     np.testing.assert_allclose(modes.shapes[:, 0].real, shape / shape.max(), rtol=1e-6)
@@ -107,9 +104,8 @@ def test_published_buildings_and_si_units():
     np.testing.assert_allclose(2 * np.pi / frequencies, [0.4, 0.5], rtol=1e-9)
     # Two blocks are those of ``dimensionless``.
     pair, other = jp.dimensionless(right, left.storeys[0], 5e4, 0.03)
-    blocks, same = jp.dimensionless_row(
-        (right, left.storeys[0]), (FloorLink(0, 0, friction=5e4, gap=0.03),)
-    )
+    link = FloorLink(0, 0, friction=5e4, gap=0.03)
+    blocks, same = jp.dimensionless_row((right, left.storeys[0]), (link,))
     assert vars(other) == vars(same)
     one, two = pair.system(), blocks.system()
     np.testing.assert_allclose(one.masses, two.masses, rtol=1e-14)

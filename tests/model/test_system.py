@@ -45,8 +45,10 @@ def links(*ends):
 GROUNDED = rods(*((i, jp.GROUND) for i in range(4)))
 TWO, LOOSE, LINK = (1.0, 1.0), rods((0, -1), (1, 0), (2, 3)), links((1, 2))
 TWICE, BEARINGS = links((0, 1), (1, 0)), links((0, -1), (1, -1), (0, 1))
+RING, NO_RING = links((0, 1), (1, 2), (2, 0)), "must not close a ring"
 NEWTON, FREE = jp.Newton(0.5), {"gap": 1.0}
-LAW = "must be of type ContactLaw or Newton or None"
+LAW, PUT = "must be of type ContactLaw or Newton or None", "put @jax.tree_util.regist"
+BATCH = {"gap": [1.0, np.inf], "contact": jp.Hertz(1e4)}
 
 test_what_no_system_can_be_made_of = refusals(
     ((), (), r"masses = \(\) must hold at least one mass"),
@@ -58,11 +60,13 @@ test_what_no_system_can_be_made_of = refusals(
     (TWO, GROUNDED[:2], links((0, 2)), r"links.0.ends = \(0, 2\) must name masses from 0 to 1"),
     ((1.0,) * 4, LOOSE, LINK, r"masses.2 must be tied to the ground by rods, directly or through"),
     (
-        *((1.0,) * 3, GROUNDED[:3], links((0, 1), (1, 2), (2, 0))),
-        r"links.2.ends = \(2, 0\) must not close a ring with the links before it",
+        (1.0,) * 3,
+        GROUNDED[:3],
+        RING,
+        rf"links.2.ends = \(2, 0\) {NO_RING} with the links before it",
     ),
     (TWO, GROUNDED[:2], TWICE, r"links.1.friction = 0.1 must be that of the link before it"),
-    (TWO, GROUNDED[:2], BEARINGS, r"links.2.ends = \(0, 1\) must not close a ring"),
+    (TWO, GROUNDED[:2], BEARINGS, rf"links.2.ends = \(0, 1\) {NO_RING}"),
     of=System,
     before="System: ",
 )
@@ -77,16 +81,10 @@ test_what_no_link_can_be_made_of = refusals(
     ((0, 1), {"friction": 0.1, "gap": -1.0}, r"gap = -1 must be not negative"),
     ((0, 1), {"contact": NEWTON}, r"gap = inf must be finite \(contact needs a finite gap\)"),
     ((0, 1), {"gap": np.nan, "contact": NEWTON}, r"gap = nan must be not negative"),
-    (
-        *((0, 1), {"gap": [1.0, np.inf], "contact": jp.Hertz(1e4)}),
-        r"gap = inf \(at index \[1\]\) must be finite \(contact needs",
-    ),
+    ((0, 1), BATCH, r"gap = inf \(at index \[1\]\) must be finite \(contact needs"),
     ((0, 1), FREE | {"contact": 0.65}, f"contact = 0.65 {LAW}"),
     ((0, 1), FREE | {"contact": jp.Hertz}, f"contact = <class .*Hertz'> {LAW}"),
-    (
-        *((0, 1), FREE | {"contact": Cushion(50.0)}),
-        "contact of type Cushion must be a pytree: put @jax.tree_util.regist",
-    ),
+    ((0, 1), FREE | {"contact": Cushion(50.0)}, f"contact of type Cushion must be a pytree: {PUT}"),
     of=lambda ends, options: Link(ends, **options),
     before="Link: ",
 )

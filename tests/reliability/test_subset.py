@@ -82,11 +82,8 @@ def test_slopes_of_a_tail_as_heavy_as_that_of_a_hazard_curve(four, index):
     def sensitivities(points, chosen):
         return {"factor of the ground": np.array([demand_of[z.tobytes()] for z in points])}
 
-    event = dataclasses.replace(
-        four,
-        values=demands - threshold,
-        limit_state=SimpleNamespace(sensitivities=sensitivities),
-    )
+    state = SimpleNamespace(sensitivities=sensitivities)
+    event = dataclasses.replace(four, values=demands - threshold, limit_state=state)
     assert abs(event.decay.value - index / threshold) < 3 * event.decay.error
     assert event.decay.error < 0.1 * event.decay.value
     (slope,) = event.slopes.values()
@@ -154,8 +151,7 @@ def test_events_that_always_occur_or_are_out_of_reach(scaled):
 class Plane:
     """A limit state without a simulation, so that a study of studies takes a second."""
 
-    dimension = 10
-    level = 0.0
+    dimension, level = 10, 0.0
 
     def __init__(self, beta, changed=lambda z, values: values):
         self.beta, self.changed = beta, changed
@@ -164,16 +160,14 @@ class Plane:
         return self.changed(z, z.sum(axis=1) / np.sqrt(self.dimension) - self.beta)
 
 
-def test_a_demand_that_is_constant_but_for_the_strongest_motions():
-    """No contact, no force: plain samples bound the probability, and no more is said."""
+def test_runs_that_fail_or_are_all_the_same_and_few_repeats_are_told():
+    # No contact, no force: plain samples bound the probability, and no more is said.
     silent = Plane(9.0, lambda z, values: np.maximum(values, -1.0))
     event = simulated(silent, n=100, repeats=2, progress=False)
     assert event.probability == pytest.approx(0.015, rel=0.01)  # 1 − 0.05^(1/200)
     words = "in which the largest demands are all the same; the demand stays 1 below"
     assert words in event.warnings[0]
-
-
-def test_runs_that_fail_count_as_safe_and_few_repeats_are_told():
+    # Runs that fail count as safe.
     failing = Plane(2.5, lambda z, values: np.where(z[:, 0] > 1, np.nan, values))
     event = simulated(failing, progress=False)
     assert 0.1 * ndtr(-2.5) < event.probability < ndtr(-2.5)
@@ -191,6 +185,8 @@ def test_runs_that_fail_count_as_safe_and_few_repeats_are_told():
     assert any("tells the order of magnitude" in x for x in event.warnings)
 
 
+LONG = {"demand": "peak_x" + "9" * 3000, "threshold": 1.0}
+
 test_arguments_that_break_a_rule = refusals(
     ({"n": 0}, "n = 0 must be a positive whole number"),
     ({"n": 50}, "p0 n = 5 must be at least 10"),
@@ -204,10 +200,7 @@ test_arguments_that_break_a_rule = refusals(
     ({"gap": 0.3, "demand": "peak_x1"}, "gap = 0.3 must be None"),
     ({"demand": "peak_y", "threshold": 1.0}, "unknown demand 'peak_y'"),
     ({"demand": "y" * 3000}, r"unknown demand 'y{12}\.\.\.y{13}'; demands are named"),
-    (
-        {"demand": "peak_x" + "9" * 3000, "threshold": 1.0},
-        r"unknown demand 'peak_x9{6}\.\.\.9{13}'; (did you mean|allowed)",
-    ),
+    (LONG, r"unknown demand 'peak_x9{6}\.\.\.9{13}'; (did you mean|allowed)"),
     of=lambda wrong: jp.subset_simulation(SCENARIOS, GRID, **{"progress": False} | wrong),
 )
 

@@ -6,42 +6,29 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.quantities import SI
 from jaxpound.results.impacts import ImpactSeries
-from jaxpound.results.named import kind_of, unit_of
 from tests.made import OF_CONTACT, changed, pair_demand, pair_response
 
 SCALES = jp.Scales(mass=500e3, frequency=7.0)
-KINDS = {"peak_contact": "force", "soft_peak_contact": "force", "contact_work": "energy"}
-KINDS |= {"peak_impulse": "impulse", "peak_penetration": "length"}
-KINDS |= {"n_impacts": None, "first_impact_time": "time"}
 NEVER = np.array([0.5, np.inf, np.inf])
 BATCH = changed(pair_demand(np.arange(3.0), contact=True), first_impact_time=NEVER)
 
 
 def test_scalars_impacts_and_series_of_contact_have_flat_names_and_si_units():
+    """Units of the scalars: tests/test_quantities.py."""
     found, without = pair_demand(2.0, contact=True), pair_demand(2.0)
-    assert KINDS.keys() == {*OF_CONTACT}
     for name in OF_CONTACT:
         assert getattr(found, name) == getattr(found.links[0], name) == found.scalars()[name]
         assert getattr(without, name) is None
         assert name not in without.scalars()
     in_si = SCALES.to_si(pair_demand(2.0, contact=True))
-    for name, kind in KINDS.items():
-        assert kind_of(name) == kind
-        assert unit_of(name, si=True) == (SI[kind] if kind else "")
-        factor = SCALES.units[kind] if kind else 1.0
-        assert getattr(in_si, name) == pytest.approx(2.0 * factor)
     # An impulse changes a velocity by itself over the mass.
     velocity = in_si.peak_impulse / SCALES.mass
     assert velocity == pytest.approx(2.0 * SCALES.units["velocity"])
     response, made = pair_response(np.arange(3.0), {}), np.array([0.5, 1.5, np.nan])
     series = ImpactSeries(**{f.name: made for f in dataclasses.fields(ImpactSeries)})
-    link = dataclasses.replace(
-        response.links[0],
-        impacts=series,
-        **dict.fromkeys(("contact", "contact_stored", "contact_lost"), np.ones(3)),
-    )
+    of_contact = dict.fromkeys(("contact", "contact_stored", "contact_lost"), np.ones(3))
+    link = dataclasses.replace(response.links[0], impacts=series, **of_contact)
     in_si = SCALES.to_si(dataclasses.replace(response, links=(link,)))
     first, second = in_si.impacts()
     units = SCALES.units
@@ -69,10 +56,8 @@ def test_columns_of_contact_are_read_back():
 
 def test_contacts_of_several_links_together():
     (link,), (without,) = BATCH.links, pair_demand(np.ones(3)).links
-    other = dataclasses.replace(
-        link,
-        **{name: 3 - getattr(link, name) for name in OF_CONTACT if name != "first_impact_time"},
-    )
+    of_other = {x: 3 - getattr(link, x) for x in OF_CONTACT if x != "first_impact_time"}
+    other = dataclasses.replace(link, **of_other)
     both = dataclasses.replace(BATCH, links=(link, without, other))
     for name in ("peak_contact", "peak_impulse", "peak_penetration"):
         np.testing.assert_array_equal(getattr(both, name), [3.0, 2.0, 2.0])

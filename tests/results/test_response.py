@@ -12,13 +12,12 @@ from tests.made import changed, pair_response
 from tests.refusals import refused
 from tests.test_tables import assert_shown
 
-T = np.linspace(0, 2, 201)
+T, PAPER = np.linspace(0, 2, 201), jp.paper.structures()
 
 
 @pytest.fixture(scope="module")
 def run():
-    grid = jp.TimeGrid(0.02, 1000)
-    return jax.device_get(jp.simulate(jp.paper.structures(), jp.paper.ground(), grid))
+    return jax.device_get(jp.simulate(PAPER, jp.paper.ground(), jp.TimeGrid(0.02, 1000)))
 
 
 def synthetic(**series):
@@ -48,11 +47,10 @@ def test_energy_terms_are_the_integrals_of_the_powers_and_notice_wrong_forces(ru
 
 def test_a_link_has_a_damper_where_it_has_a_slip_force():
     """Equal buildings move together: no motion of theirs tells a stuck damper from none."""
-    pair, grid = jp.paper.structures(), jp.TimeGrid(0.05, 200)
-    equal = {"rod_2": pair.rod_1, "mass_ratio": 1.0, "stiffness_ratio": 1.0}
+    equal = {"rod_2": PAPER.rod_1, "mass_ratio": 1.0, "stiffness_ratio": 1.0}
     for friction in (0.0, 0.3):
-        structures = dataclasses.replace(pair, **equal, friction=friction)
-        run = jp.simulate(structures, jp.paper.ground(), grid)
+        structures = dataclasses.replace(PAPER, **equal, friction=friction)
+        run = jp.simulate(structures, jp.paper.ground(), jp.TimeGrid(0.02, 1000))
         assert not run.friction.any()
         assert [phase.kind for phase in run.phases()] == ["stick"]
         assert ("damper" in str(run)) == (friction > 0)
@@ -73,7 +71,7 @@ def test_phases_are_the_runs_of_equal_direction_without_holes(run):
         assert one.end == following.start > one.start
         assert one.kind != following.kind
     t, w = np.asarray(run.time), np.asarray(run.slip_velocity)
-    for phase in run.phases():
+    for phase in phases:
         inside = w[(t > phase.start + 0.02) & (t < phase.end - 0.02)]
         sign = {"stick": 0, "slip right": 1, "slip left": -1}[phase.kind]
         assert (np.sign(inside) == sign).all(), phase
@@ -91,9 +89,7 @@ def test_absolute_accelerations_and_pounding_are_those_of_the_blocks(run):
     np.testing.assert_allclose(run.gap, 1 + run.x2 - run.x1, atol=1e-14)
 
     def pounds(gap):
-        structures = jp.AdjacentStructures(
-            jp.paper.structures().rod_1, jp.paper.structures().rod_2, 1.0, 2.0, 0.25, gap
-        )
+        structures = jp.AdjacentStructures(PAPER.rod_1, PAPER.rod_2, 1.0, 2.0, 0.25, gap)
         grid, only = jp.TimeGrid(0.02, 500), ("min_gap",)
         return jp.demand(structures, jp.paper.ground(), grid, only=only).pounds
 
@@ -156,7 +152,6 @@ def test_scalars_of_one_run_are_python_s_numbers_and_stay_traced(run):
 
     expected = {name: 2 * x for name, x in run.demand.scalars().items()}
     assert jax.jit(doubled)(run.demand) == expected
-    batch = jax.tree.map(lambda x: np.stack([x, x]), run.demand)
     assert {name: float(x[1]) for name, x in jax.vmap(doubled)(batch).items()} == expected
     slope = jax.grad(lambda demand: demand.scalars()["pgv"] ** 2)(run.demand)
     assert float(slope.pgv) == pytest.approx(2 * float(run.demand.pgv))

@@ -24,15 +24,13 @@ def smooth():
     return siconos_peer.phased(siconos_peer.SMOOTH, 0.01 * SOME)
 
 
-@pytest.mark.parametrize("rod", [PAPER.rod_1, PAPER.rod_2])
-def test_the_branches_have_the_modulus_of_the_rod(rod):
-    found, omega = branches(rod), np.logspace(*BAND, 101)
-    exact = np.asarray(rod.complex_modulus(omega))
-    assert np.abs(found.modulus(omega) / exact - 1).max() < 5e-6
-    assert min(found.spring, found.dashpot, *found.weights) > 0
-
-
-def test_a_rod_of_order_1_is_one_branch():
+def test_the_branches_have_the_modulus_of_the_rod():
+    omega = np.logspace(*BAND, 101)
+    for rod in (PAPER.rod_1, PAPER.rod_2):
+        found, exact = branches(rod), np.asarray(rod.complex_modulus(omega))
+        assert np.abs(found.modulus(omega) / exact - 1).max() < 5e-6
+        assert min(found.spring, found.dashpot, *found.weights) > 0
+    # A rod of order 1 is one branch.
     rod = jp.ZenerRod(1.0, 0.1, 0.4)
     exact = np.asarray(rod.complex_modulus(np.logspace(-3, 3, 20)))
     np.testing.assert_allclose(branches(rod).modulus(np.logspace(-3, 3, 20)), exact, rtol=1e-14)
@@ -78,17 +76,14 @@ def test_siconos_moves_the_pair_of_order_1_like_scipy(smooth):
     assert seconds > 0
 
 
-def test_without_siconos_the_case_says_so(monkeypatch):
-    monkeypatch.setattr(siconos_peer, "interpreter", lambda: None)
-    case = siconos_peer.case()
+def test_without_siconos_the_case_says_so(monkeypatch, tmp_path):
+    with monkeypatch.context() as patch:
+        patch.setattr(siconos_peer, "interpreter", lambda: None)
+        case = siconos_peer.case()
     assert (case.errors, case.faults()) == ((), [])
-    assert case.skipped == (
-        "no Python with Siconos: apt install python3-siconos, "
-        "or name one by JAXPOUND_SICONOS_PYTHON"
-    )
-
-
-def test_only_an_interpreter_that_imports_siconos_is_taken(monkeypatch, tmp_path):
+    words = "no Python with Siconos: apt install python3-siconos, or name one by "
+    assert case.skipped == f"{words}JAXPOUND_SICONOS_PYTHON"
+    # Only an interpreter that imports it is taken.
     lacking = tmp_path / "python"
     lacking.write_text("#!/bin/sh\nexit 1\n")
     lacking.chmod(0o755)

@@ -9,9 +9,7 @@ from benchmarks.verification.cases import CASES
 from benchmarks.verification.equal_error import ratios
 
 CASE = Case(
-    "A title",
-    "A problem.",
-    "A source.",
+    *("A title", "A problem.", "A source."),
     errors=(
         Errors("x", (0.2, 0.1), (0.04, 0.01), 1.1, 2.0, (0.01, 0.02)),
         Errors("v", (0.1,), (0.02,), 2.1),
@@ -30,7 +28,7 @@ def test_the_page_is_made_of_the_results_on_file():
     assert [case.faults() for case in cases.values() if case.faults()] == []
 
 
-def test_a_section_has_problem_source_errors_order_and_time():
+def test_a_section_has_problem_source_errors_order_and_time_and_the_figure_a_panel():
     section = page.section(CASE)
     assert "| error of | h = 0.2 | h = 0.1 | order | time |" in section
     assert "| x | 4.0e-02 | 1.0e-02 | 2.00 | 10 ms to 20 ms |" in section
@@ -38,9 +36,7 @@ def test_a_section_has_problem_source_errors_order_and_time():
     assert "| peak | 2.674 | 2.67 | 0.005 |" in section
     for part in ("## A title", "A problem.", "A source.", "The whole case: 3 s"):
         assert part in section
-
-
-def test_the_figure_has_a_panel_for_each_problem():
+    # The figure has a panel for each problem.
     drawing = figure.accuracy_against_time(CASE.curves)
     (ax,) = drawing.axes
     assert ax.get_title() == "A panel"
@@ -86,16 +82,13 @@ def test_the_command_writes_what_holds(elsewhere, monkeypatch, capsys):
     assert "order 2.00" in capsys.readouterr().out
 
 
-def test_the_command_names_what_does_not_hold(elsewhere, monkeypatch, capsys):
+def test_the_command_names_what_does_not_hold_and_an_unknown_case(elsewhere, monkeypatch, capsys):
     wrong = Case("A title", "A problem.", "A source.", numbers=(Number("peak", 3.0, 2.0, 0.1),))
     monkeypatch.setitem(command.CASES, "rods", lambda: wrong)
     monkeypatch.setattr("sys.argv", ["verification", "rods"])
     assert command.main() == 1
     assert "FAILS: peak: 3, not 2 ± 0.1" in capsys.readouterr().out
     assert page.results() == {}
-
-
-def test_an_unknown_case_is_refused(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["verification", "beams"])
     with pytest.raises(SystemExit):
         command.main()
