@@ -91,10 +91,7 @@ def start_two(store):
 
 
 def test_two_processes_of_one_program_share_a_batch_and_fill_a_store(tmp_path):
-    """The batch over the devices of both is a plain one here; each part of the study over its own.
-
-    The store then holds the whole study.
-    """
+    """Over the devices of both a batch is a plain one here, and the store holds a whole study."""
     words = r"(\d) of 2, 4 devices: .* = ([\d.]+), smallest gap (\S+)\n128\n"
     printed = start_two(str(tmp_path / "study"))
     (first, *numbers), (second, *same) = (re.search(words, out).groups() for out in printed)

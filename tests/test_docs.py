@@ -172,6 +172,10 @@ def test_the_risk_of_an_impact_is_that_of_its_notebook(from_notebooks):
         assert any(re.search(rf"(?<![\d.]){re.escape(number)}", text) for text in texts), number
 
 
+PAGE = (DOCS / "bibliography.md").read_text(encoding="utf-8")
+BIBLIOGRAPHY = [" ".join(entry.split()) for entry in re.split(r"^- ", PAGE, flags=re.M)[1:]]
+
+
 def test_the_glossary_and_the_bibliography_are_in_order():
     body = (DOCS / "glossary.md").read_text(encoding="utf-8").partition("{glossary}")[2]
     terms = re.findall(r"^(\S.*)$", body.partition("\n```")[0], re.M)
@@ -183,7 +187,7 @@ def test_the_glossary_and_the_bibliography_are_in_order():
         text = " ".join(place.read_text(encoding="utf-8").split())
         assert title in text, place.name
         assert "Grahovac" in text, place.name
-    first, *others = bibliography()
+    first, *others = BIBLIOGRAPHY
     assert first.startswith("Žigić")
     form = r"[^:*]+ \((18|19|20)\d\d\): \*[^*]+\*( \(in Russian\)|, \w+ edition)?\. "
     for entry in others:
@@ -192,12 +196,6 @@ def test_the_glossary_and_the_bibliography_are_in_order():
     assert links
     for kind, number, address in links:
         assert address == {"doi": "doi.org/", "arXiv": "arxiv.org/abs/"}[kind] + number
-
-
-def bibliography():
-    """Its entries, each in one line."""
-    page = (DOCS / "bibliography.md").read_text(encoding="utf-8")
-    return [" ".join(entry.split()) for entry in re.split(r"^- ", page, flags=re.M)[1:]]
 
 
 def test_every_source_that_is_named_is_in_the_bibliography():
@@ -212,10 +210,9 @@ def test_every_source_that_is_named_is_in_the_bibliography():
         for source in named.findall(" ".join(path.read_text(encoding="utf-8").split()))
     ]
     assert {"Clopper and Pearson", "Jeng, Kasai and Maison"} <= {names for _, names, _ in found}
-    entries = bibliography()
     for place, names, year in found:
         authors = re.split(r", | and ", names)
         assert any(
             f"({year})" in entry and all(author in entry.split(":")[0] for author in authors)
-            for entry in entries
+            for entry in BIBLIOGRAPHY
         ), f"{place}: {names} {year}"

@@ -22,8 +22,9 @@ from jaxpound.design.design import Comparison
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.search import SearchOptions
-from jaxpound.results.named import LIMITED_OF_PAIR
+from jaxpound.results.named import LIMITED_OF_PAIR, kind_of
 from tests.design.layouts import parameters_of_pair
+from tests.made import OF_CONTACT
 from tests.refusals import refusals, refused
 from tests.test_tables import assert_shown
 
@@ -88,7 +89,6 @@ def test_the_optimum_of_a_bowl(stand_in):
 
 
 PEAK = {"friction": 0.6, "mass_ratio": 1.5}
-
 
 WORST = jp.Objective(jp.WorstGap())
 OPTIMA = {
@@ -280,13 +280,10 @@ def test_si_units_are_those_of_the_demands():
     made = SPACE.structures(np.array([0.3, 0.4]))
     problem = partial(DesignProblem, SPACE, ENSEMBLE, GRID, jp.Scheme(), MEAN)
     plain, si = (problem(units).demands(made, ground) for units in (None, scales))
-    length, force, g = (float(x) for x in (scales.length, scales.force, scales.gravity))
-    lengths = ("min_gap", "initial_gap", "residual_offset", "peak_x1", "peak_x2", "slip_distance")
-    units = dict.fromkeys(lengths, length)
-    units |= dict.fromkeys(("damper_force", "peak_f1", "peak_f2"), force)
-    units |= {"peak_acceleration_1": g, "peak_acceleration_2": g, "friction_work": force * length}
-    assert units.keys() == plain.keys() == si.keys()
-    for name, unit in units.items():
+    names = {"min_gap", "initial_gap", "damper_force", *LIMITED_OF_PAIR} - {*OF_CONTACT}
+    assert names == plain.keys() == si.keys()
+    for name in names:  # of kinds that tests/test_quantities.py states
+        unit = float(scales.units[kind_of(name)])
         assert float(si[name]) == pytest.approx(unit * float(plain[name]), rel=1e-12), name
     run = jp.demand(made, ground, GRID)
     assert float(plain["peak_f2"]) == pytest.approx(float(run.peak_f2))

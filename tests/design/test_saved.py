@@ -35,29 +35,23 @@ def state():
     return begun()
 
 
-def met(state, n=2):
+def met(state):
     best = no_design(state)
-    return [Iterate(best._replace(scaled=state.scaled / 2), best, state.alive)] * n
-
-
-def same(one, other):
-    jax.tree.map(np.testing.assert_array_equal, one, other)
+    return Iterate(best._replace(scaled=state.scaled / 2), best, state.alive)
 
 
 @pytest.fixture
 def saved(tmp_path, state):
-    found = SavedSearch(tmp_path / "search.npz", IDENTITY)
-    found.write(state, met(state))
-    return found
+    search = SavedSearch(tmp_path / "search.npz", IDENTITY)
+    search.write(state, [met(state)] * 2)
+    return search
 
 
 def test_what_was_saved_is_read_and_what_a_killed_search_left_is_swept(saved, state):
     rewritten(saved)
     held, history = saved.read(begun(SCALED / 2))
-    same(held, state)
-    assert len(history) == 2
-    for one in history:
-        same(one, met(state)[0])
+    for read, written in zip((held, *history), (state, met(state), met(state)), strict=True):
+        jax.tree.map(np.testing.assert_array_equal, read, written)
     other = SavedSearch(saved.path.with_name("none.npz"), IDENTITY)
     assert other.read(state) == (state, [])
     others = saved.path.with_name("other.npz")

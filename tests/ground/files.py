@@ -31,6 +31,17 @@ def assert_refuses(path, line, says, error=ValueError, **arguments):
     assert "\n" not in str(caught.value)
 
 
+def refusals(*rows):
+    """A test of each row: the text of a file, line and words of the refusal, and options if any."""
+
+    @pytest.mark.parametrize("row", rows, ids=[repr(row[0])[:60] for row in rows])
+    def test(row, write):
+        text, line, says, *options = row
+        assert_refuses(write(text), line, says, **(options[0] if options else {}))
+
+    return test
+
+
 SHAKING = np.sin(np.arange(200) / 7) * np.exp(-np.arange(200) / 90)
 COUNTS = np.round(7000 + 900 * SHAKING).astype(int)
 COUNTS[16:18] = 9700, 9876

@@ -71,7 +71,6 @@ NO_ACCELERATIONS = [
     (lambda t: np.inf, "= inf must be finite"),
 ]
 
-
 test_senseless_motions_are_refused = refusals(
     (lambda: RECORD + 1, r"Sum: grounds\[1\] = 1 must have acceleration\(t\)"),
     (lambda: None + RECORD, r"Sum: grounds\[0\] = None must have acceleration\(t\)"),
@@ -87,7 +86,6 @@ test_senseless_motions_are_refused = refusals(
         for ground, message in NO_ACCELERATIONS
     ),
 )
-
 
 WAVELET = jp.Ricker(0.5, 1, 0.2)
 

@@ -159,7 +159,6 @@ def test_a_pulse_in_seconds_becomes_dimensionless_and_says_when_it_is_not_resolv
 
 IN_1, WAVELET = SCALES.to_dimensionless, jp.Ricker(1, 1, 1)
 
-
 test_bad_values_are_named = refusals(
     (lambda: jp.KanaiTajimi(-2.0, 0.6), r"frequency = -2 must be positive"),
     (lambda: jp.KanaiTajimi(2.0, 1.0), r"damping = 1 must be below 1"),
@@ -175,7 +174,6 @@ test_bad_values_are_named = refusals(
     (lambda: IN_1(PULSES[2] + WAVELET), "must be in seconds, but has no unit of time"),
     (lambda: IN_1(lambda t: t), "must be of type Record"),
 )
-
 
 N, DT = 400, 0.03
 MAP = jax.jit(jax.jacfwd(lambda z, *p: evolving_noise(z, DT, *p)))

@@ -24,7 +24,6 @@ T = 0.1 * np.arange(41)
 LOUD = jp.Record(6.0 * np.sin(3 * T), 0.1, "loud", "1/ω1")
 SCALES = jp.Scales(mass=5e5, frequency=7.0)
 
-
 TOO_FAR = "initial_gap = 1000 g/ω1² should be at most 100 times what the buildings move, "
 TOO_SHORT = "ground: the shortest of periods is 3 time steps long and should be at least 8: a "
 
@@ -120,7 +119,6 @@ def test_a_record_loses_what_a_coarse_grid_does_not_hold(frequency, share, dt, s
 
 LATE = jp.Ricker([0.01, 0.5], [2.0, 2.0], [1.0, 6.0])
 QUAKE = jp.Record(0.2 * np.sin(3 * T) * (T > 1.0), 0.2, "quake", "1/ω1")  # of 8 time units
-
 
 WHOLE = jp.Record([0.1, 0.2, 0.1], 1.0, time_unit="1/ω1")
 SHARES = {

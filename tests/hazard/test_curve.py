@@ -152,7 +152,7 @@ def test_fragilities_of_other_measures_are_refused_and_what_one_side_alone_state
             jp.HazardCurve(intensity, rates, measure)
 
 
-def test_a_rate_says_whose_it_is():
+def test_a_rate_says_whose_it_is_and_tells_its_bounds_and_estimates_are_scaled():
     curve = jp.Fragility(0.5, 0.4, COVARIANCE, event="largest ductility ≥ 4")
     assert "Mean annual rate of pounding" in repr(RATE)
     assert "Rate of pounding by intensity" in repr(RATE.deaggregation())
@@ -162,6 +162,16 @@ def test_a_rate_says_whose_it_is():
     assert "Rate of largest ductility ≥ 4 by intensity" in repr(rate.deaggregation())
     labels = hazards.deaggregation(rate).get_legend().get_texts()
     assert any(label.get_text().startswith("largest ductility ≥ 4, ") for label in labels)
+    # A fragility of low intensities: nearly every earthquake beyond the curve's end pounds.
+    sure = repr(rate_at(0.3, 0.05))
+    assert "beyond" not in sure
+    assert "between" not in sure
+    assert "whatever it is there, the rate is" in sure
+    rate = CURVE.annual_rate_of(jp.Estimate(0.1, 0.08, 0.125, 0.9))
+    numbers = (rate.value, rate.low, rate.high, rate.confidence)
+    assert numbers == pytest.approx((1e-3, 8e-4, 1.25e-3, 0.9))
+    assert rate.cov == pytest.approx(np.log(1.25) / stats.norm.ppf(0.95))
+    assert np.isnan(CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).cov)
 
 
 def test_deaggregation_adds_up_in_bands_that_hold_the_rate_wherever_it_comes_from():
@@ -315,19 +325,6 @@ test_bad_values_are_named = refusals(
     (lambda: rate_at(1e300, 0.1).deaggregation(), "the rate, 0 a year, must be positive"),
     (lambda: rate_at(1, 1).deaggregation([2]), r"edges of shape \(1,\)"),
 )
-
-
-def test_estimates_are_scaled_and_rates_told_with_their_bounds():
-    found = CURVE.annual_rate_of(jp.Estimate(0.1, 0.08, 0.125, 0.9))
-    numbers = (found.value, found.low, found.high, found.confidence)
-    assert numbers == pytest.approx((1e-3, 8e-4, 1.25e-3, 0.9))
-    assert found.cov == pytest.approx(np.log(1.25) / stats.norm.ppf(0.95))
-    assert np.isnan(CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).cov)
-    # A fragility of low intensities: nearly every earthquake beyond the curve's end pounds.
-    sure = repr(rate_at(0.3, 0.05))
-    assert "beyond" not in sure
-    assert "between" not in sure
-    assert "whatever it is there, the rate is" in sure
 
 
 def test_the_figure_has_the_curve_above_its_deaggregation():

@@ -101,9 +101,9 @@ def test_a_weighted_study_does_too_more_sharply(found, closing):
 
 
 @pytest.fixture(scope="module")
-def event():
+def event(closing):
     """The amplitude .8 or more, by subset simulation: a share of 1.25 %."""
-    state = jp.LimitState(SCENARIOS, GRID, threshold=float(0.8 * (1.0 - unit().min_gap)))
+    state = jp.LimitState(SCENARIOS, GRID, threshold=0.8 * closing)
     sample = np.random.default_rng(0).normal(size=(5, 2000, 1))
     values = state.values(sample.reshape(-1, 1))
     p = (values >= 0).reshape(5, -1).mean(axis=1)
@@ -219,9 +219,8 @@ def lognormal_gaps(found, n):
     im = np.exp(random.normal(-0.5, 0.8, n))
     parts = {"pga": im, "required_gap": im * np.exp(0.4 * random.normal(size=n))}
     moments = {name: jp.study.statistics.Moments.of(x) for name, x in parts.items()}
-    return dataclasses.replace(
-        found, rows=[range(n)], _parts=lambda name: (parts[name],), _moments=moments
-    )
+    held = {"_parts": lambda name: (parts[name],), "_moments": moments}
+    return dataclasses.replace(found, rows=[range(n)], **held)
 
 
 def test_the_gap_by_fragilities_is_that_of_their_closed_form(found):

@@ -151,7 +151,7 @@ QUANTITIES = {
 
 @pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=QUANTITIES)
 def test_gradients_agree_with_central_differences(quantity):
-    f = jax.jit(lambda p: quantity(jp.ZenerRod(p[0], p[1], p[2])))
+    f = jax.jit(lambda p: quantity(jp.ZenerRod(*p)))
     gradient = jax.jit(jax.grad(f))
     for at in ([0.3, 0.1, 2.0], [1.0, 0.1, 2.0], [0.6, 0.5, 0.5], [1.0, 0.01, 50.0]):
         point = np.array(at)  # traced, it may step out of the rules: the formulas go on smoothly

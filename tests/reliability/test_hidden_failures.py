@@ -14,10 +14,7 @@ KEYS = range(10)
 
 
 class Analytic:
-    """A limit state of forty numbers in closed form, in the place of runs.
-
-    The demand is not of instants. Subclasses have ``demanded`` of points with its gradients.
-    """
+    """A limit state of forty numbers in closed form: ``demanded`` has values with gradients."""
 
     dimension, series, level, threshold = 40, (), 0.0, 0.0
     demand = staticmethod(lambda scalars: scalars)
@@ -31,8 +28,7 @@ class Analytic:
         return self.values(z), np.full(len(z), np.nan)
 
     def gradients(self, z, instants, series):
-        values, parts = self.demanded(z)
-        slopes = np.zeros_like(z)
+        (values, parts), slopes = self.demanded(z), np.zeros_like(z)
         for number, slope in parts.items():
             slopes[:, number] = slope
         return values, slopes
@@ -155,8 +151,7 @@ def test_overlaps_lead_to_impacts():
         later = event_of(rarer, key=key, start=event, progress=False)
         assert later.gradients < 0.7 * event.gradients
         for state, known in ((likelier, event), (rarer, later)):
-            assert is_right(known, state.probability)
-            assert known.warnings == ()
+            assert_sampled(known, state)
             assert len(known.instants) == 26
             assert known.design_points.max(axis=1) == pytest.approx(state.beta, abs=0.03)
             assert {*known.design_points.argmax(axis=1)} == {*range(5)}

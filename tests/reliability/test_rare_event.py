@@ -54,9 +54,8 @@ def test_starts_from_other_events_and_from_few_instants(events):
     assert cold.gradients > 500
     assert max(event.gradients for event in warm) < 250
     # Into an event that is common, or certain: plain Monte Carlo takes over, as without it.
-    common, sure = (
-        event_of(case_w.state(gap), key=1, start=events[0.27], progress=False) for gap in (0.1, 0.0)
-    )
+    warmly = {"key": 1, "start": events[0.27], "progress": False}
+    common, sure = (event_of(case_w.state(gap), **warmly) for gap in (0.1, 0.0))
     assert common.method.startswith("plain Monte Carlo")
     assert common.gradients > 0
     assert (sure.probability, sure.cov) == (1.0, 0.0)
@@ -208,15 +207,13 @@ def test_linear_pairs_have_exact_closings_design_points_and_probabilities(linear
     assert ndtr(-betas.min()) < event.probability < ndtr(-betas).sum()
 
 
-@pytest.mark.parametrize(
-    ("demand", "threshold", "probability", "cov"),
-    [("peak_acceleration_1", 1.464, 2.24e-4, 0.03), ("peak_f1", 1.176, 3.33e-4, 0.04)],
-)
-def test_instants_of_accelerations_and_forces(demand, threshold, probability, cov):
-    """Friction jumps, but between jumps there is a design point at each instant.
+# References are of four runs of subset simulation each, of 75,000 runs.
+INSTANT_DEMANDS = ("peak_acceleration_1", 1.464, 2.24e-4, 0.03), ("peak_f1", 1.176, 3.33e-4, 0.04)
 
-    References are of four runs of subset simulation each, of 75,000 runs.
-    """
+
+@pytest.mark.parametrize(("demand", "threshold", "probability", "cov"), INSTANT_DEMANDS)
+def test_instants_of_accelerations_and_forces(demand, threshold, probability, cov):
+    """Friction jumps, but between jumps there is a design point at each instant."""
     state = jp.LimitState(case_w.SCENARIOS, case_w.GRID, demand=demand, threshold=threshold)
     event = event_of(state, progress=False)
     assert event.warnings == ()
@@ -237,7 +234,6 @@ def drawn(factor):
 
 
 FEW, STILL = drawn(1), drawn(0)
-
 FRICTION = {"friction": jp.paper.structures().friction}
 STATE = jp.LimitState(FEW, SHORT, threshold=0.3, changes=FRICTION)
 
@@ -246,6 +242,12 @@ def few(gap, method="design points", **options):
     """The event of a gap; all share their programs, also with searches for a friction."""
     state = dataclasses.replace(STATE, threshold=gap)
     return event_of(state, method=method, progress=False, **options)
+
+
+def assert_alike(event, other):
+    """Probabilities are the same within three standard errors."""
+    apart = np.log(event.probability / other.probability)
+    assert abs(apart) < 3 * np.hypot(event.cov, other.cov)
 
 
 def test_a_demand_as_a_series_and_as_a_function():
@@ -259,12 +261,6 @@ def test_a_demand_as_a_series_and_as_a_function():
     assert np.isfinite(by_name.instants).all()
     assert np.isnan(by_function.instants).all()
     assert_alike(by_name, by_function)
-
-
-def assert_alike(event, other):
-    """Probabilities are the same within three standard errors."""
-    apart = np.log(event.probability / other.probability)
-    assert abs(apart) < 3 * np.hypot(event.cov, other.cov)
 
 
 def test_events_that_are_not_rare_and_the_method_of_each():

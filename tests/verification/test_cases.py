@@ -44,8 +44,7 @@ def test_a_case_without_its_peer_says_so(monkeypatch):
 def test_what_does_not_hold_is_named():
     errors = Errors("x", (0.2, 0.1), (0.04, 0.01), constant=1.1)
     number = Number("peak", 2.674, 2.67, within=0.005)
-    case = Case("title", "problem", "source", (errors,), (number,))
-    assert case.faults() == []
+    assert Case("title", "problem", "source", (errors,), (number,)).faults() == []
     assert errors.fitted_order == pytest.approx(2)
     assert dataclasses.replace(errors, constant=0.9).faults() == [
         "x: error 4.0e-02 at step 0.2, above 3.6e-02",
@@ -55,6 +54,5 @@ def test_what_does_not_hold_is_named():
     assert fault == "x: order 1.00 instead of 2"
     (fault,) = dataclasses.replace(number, known=2.66).faults()
     assert fault == "peak: 2.674, not 2.66 ± 0.005"
-    lost = dataclasses.replace(errors, errors=(math.nan, 0.01))
-    assert "error nan" in lost.faults()[0]
+    assert "error nan" in dataclasses.replace(errors, errors=(math.nan, 0.01)).faults()[0]
     assert dataclasses.replace(number, found=math.nan).faults()

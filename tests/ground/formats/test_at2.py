@@ -3,6 +3,7 @@
 import pytest
 
 from jaxpound.ground.reader import read_record
+from tests.ground import files
 from tests.ground.files import BODY, KIND, TITLE, VALUES, assert_reads, assert_refuses
 
 NPTS_LINES = [
@@ -79,21 +80,18 @@ def test_encodings_are_told_apart(write, encoding):
 
 NO_NUMBERS = ["NPTS= , DT= .01 SEC", "NPTS= seven, DT= .01 SEC", "NPTS= 7x, DT= .01 SEC"]
 NO_NUMBERS += ["NPTS= 7, DT= SEC", "NPTS= 7, DT= .0l SEC", "NPTS= 7", "x 0.01 NPTS, DT"]
+LINES = [
+    *((line, "numbers for NPTS and DT") for line in NO_NUMBERS),
+    ("NPTS= 0, DT= .01 SEC", "NPTS = 0 must be a positive whole number"),
+    ("NPTS= -7, DT= .01 SEC", "NPTS = -7 must be a positive whole number"),
+    ("NPTS= 6.5, DT= .01 SEC", r"NPTS = 6\.5 must be a positive whole number"),
+    *((f"NPTS= 7, DT= {dt} SEC", rf"DT = {dt} must be positive") for dt in ("0.0", "-.01")),
+    ("7 1e999 NPTS, DT", "DT = 1e999 must be positive and finite"),
+    ("NPTS= 4000, DT= .01 SEC", r"truncated: NPTS = 4000 \D*, 7$"),
+    ("NPTS= 5, DT= .01 SEC", r"surplus values: NPTS = 5 \D*, 7$"),
+]
 
-
-@pytest.mark.parametrize(
-    ("npts_line", "says"),
-    [
-        *((line, "numbers for NPTS and DT") for line in NO_NUMBERS),
-        ("NPTS= 0, DT= .01 SEC", "NPTS = 0 must be a positive whole number"),
-        ("NPTS= -7, DT= .01 SEC", "NPTS = -7 must be a positive whole number"),
-        ("NPTS= 6.5, DT= .01 SEC", r"NPTS = 6\.5 must be a positive whole number"),
-        *((f"NPTS= 7, DT= {dt} SEC", rf"DT = {dt} must be positive") for dt in ("0.0", "-.01")),
-        ("7 1e999 NPTS, DT", "DT = 1e999 must be positive and finite"),
-        ("NPTS= 4000, DT= .01 SEC", r"truncated: NPTS = 4000 \D*, 7$"),
-        ("NPTS= 5, DT= .01 SEC", r"surplus values: NPTS = 5 \D*, 7$"),
-    ],
+test_npts_and_dt_must_be_positive_numbers_and_those_of_the_values = files.refusals(
+    *((f"{TITLE}{KIND}{line}\n{BODY}", 4, says) for line, says in LINES),
+    (TITLE + KIND + NPTS, 4, "no data"),
 )
-def test_npts_and_dt_must_be_positive_numbers_and_those_of_the_values(write, npts_line, says):
-    assert_refuses(write(f"{TITLE}{KIND}{npts_line}\n{BODY}"), 4, says)
-    assert_refuses(write(TITLE + KIND + NPTS), 4, "no data")

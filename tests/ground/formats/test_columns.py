@@ -5,6 +5,7 @@ import pytest
 
 from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.reader import read_record
+from tests.ground import files
 from tests.ground.files import assert_reads, assert_refuses
 
 SUMMED = np.cumsum(np.full(3000, 0.01)) - 0.01
@@ -75,22 +76,15 @@ NO_HISTORIES = {
 UNEQUAL = {"0 1\n.1 2\n.2\n.3 4\n": 3, "0 1\n.1 2 3\n": 2, "1 2 3\n4 5\n6 7 8\n": 2, "1\n2 3\n": 2}
 COUNTED = "20\n{}" + "".join(f"{0.1 * (-1) ** k}\n" for k in range(20))
 COMMAS = "0,00;0,5\n0,01;0,6\n", "0,00 0,5\n0,01 0,6\n"
-REFUSED = [
-    *(
-        ("".join(f"{t} 1\n" for t in x.split()), n, "must be uniform", {})
-        for x, n in UNEVEN.items()
-    ),
-    *((f"{x}\n0,.1\n1,.2\n2,.1\n", 1, says, {}) for x, says in NO_HISTORIES.items()),
+
+test_what_is_no_history_is_refused = files.refusals(
+    *((x.replace(" ", " 1\n") + " 1\n", n, "must be uniform") for x, n in UNEVEN.items()),
+    *((f"{x}\n0,.1\n1,.2\n2,.1\n", 1, says) for x, says in NO_HISTORIES.items()),
     *((text, line, "must have [123]$", {"dt": 0.1}) for text, line in UNEQUAL.items()),
     *((text, 1, "no decimal commas", {"dt": 0.01}) for text in COMMAS),
     (COUNTED.format(""), 1, "20 must be a value, and not the number", {"dt": 0.01}),
     (COUNTED.format(".01\n"), 1, "20 must be a value", {"dt": 0.01, "units": "gal"}),
-]
-
-
-@pytest.mark.parametrize(("text", "line", "says", "arguments"), REFUSED)
-def test_what_is_no_history_is_refused(write, text, line, says, arguments):
-    assert_refuses(write(text), line, says, **arguments)
+)
 
 
 @pytest.mark.parametrize("lost", [1, 50, 100, 198])

@@ -7,6 +7,7 @@ import pytest
 
 from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.reader import read_record
+from tests.ground import files
 from tests.ground.files import assert_reads, assert_refuses
 
 UNITS = [
@@ -119,9 +120,9 @@ NOT_KNOWN = {
 }
 
 
-@pytest.mark.parametrize(("text", "says"), NOT_KNOWN.items())
-def test_units_of_time_and_of_columns_that_are_not_known_are_refused(write, text, says):
-    assert_refuses(write(text), 1, re.escape(says))
+test_units_of_time_and_of_columns_that_are_not_known_are_refused = files.refusals(
+    *((text, 1, re.escape(says)) for text, says in NOT_KNOWN.items())
+)
 
 
 def test_a_long_time_step_is_warned_of(write):

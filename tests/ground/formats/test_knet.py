@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jaxpound.ground.reader import read_record
+from tests.ground import files
 from tests.ground.files import COUNTS, assert_refuses, knet_text
 
 
@@ -26,33 +27,26 @@ def test_knet_as_its_own_description_prints_it(write):
 
 
 SCALE, RATE, TIME, MOST = "Scale Factor", "Sampling Freq(Hz)", "Duration Time(s)", "Max. Acc. (gal)"
+HEADERS = [
+    (SCALE, "7845(m)/8223790", 14, "Scale Factor = '7845.m./8223790' must be positive"),
+    (SCALE, "7845(gal)/0", 14, "must be positive, as in 3920"),
+    (SCALE, "7845", 14, "Scale Factor = '7845'"),
+    (SCALE, None, None, "must state Scale Factor"),
+    (RATE, "100", 11, "Sampling Freq.Hz. = '100' must be positive, as in 100Hz"),
+    (RATE, "0.01s", 11, "as in 100Hz"),
+    (TIME, "3", 12, "truncated: 100 Hz for 3 s, 300, must be .* 200"),
+    (TIME, "1", 12, "surplus values: 100 Hz for 1 s, 100, must be .* 200"),
+    (TIME, None, None, "must state Duration"),
+    (MOST, "2.123", 15, "Max. Acc. = 2.123 gal must be that of the counts"),
+    (MOST, None, None, "must state Max. Acc."),
+    ("Memo.", None, None, "must end with its line 'Memo.'"),
+]
+HEADER, ROWS = knet_text().split("Memo.")
+SCALE_LINE = "".join(line + "\n" for line in HEADER.split("\n") if "Scale" in line)
 
-
-@pytest.mark.parametrize(
-    ("name", "value", "line", "says"),
-    [
-        (SCALE, "7845(m)/8223790", 14, "Scale Factor = '7845.m./8223790' must be positive"),
-        (SCALE, "7845(gal)/0", 14, "must be positive, as in 3920"),
-        (SCALE, "7845", 14, "Scale Factor = '7845'"),
-        (SCALE, None, None, "must state Scale Factor"),
-        (RATE, "100", 11, "Sampling Freq.Hz. = '100' must be positive, as in 100Hz"),
-        (RATE, "0.01s", 11, "as in 100Hz"),
-        (TIME, "3", 12, "truncated: 100 Hz for 3 s, 300, must be .* 200"),
-        (TIME, "1", 12, "surplus values: 100 Hz for 1 s, 100, must be .* 200"),
-        (TIME, None, None, "must state Duration"),
-        (MOST, "2.123", 15, "Max. Acc. = 2.123 gal must be that of the counts"),
-        (MOST, None, None, "must state Max. Acc."),
-        ("Memo.", None, None, "must end with its line 'Memo.'"),
-    ],
+test_knet_headers_that_are_not_understood_and_damaged_files_are_refused = files.refusals(
+    *((knet_text(**{name: value}), line, says) for name, value, line, says in HEADERS),
+    (SCALE_LINE + ROWS, None, "K-NET header must end", {"dt": 0.01, "units": "gal"}),
+    (knet_text().replace(" 9876", " 8976"), 15, "the file is damaged"),
+    (knet_text().replace(" 9876", " 9.76"), 20, "9.76 must be a whole number"),
 )
-def test_knet_headers_that_are_not_understood_are_refused(write, name, value, line, says):
-    assert_refuses(write(knet_text(**{name: value})), line, says)
-
-
-def test_a_damaged_knet_file_is_refused(write):
-    header, body = knet_text().split("Memo.")
-    scale = "".join(line + "\n" for line in header.split("\n") if "Scale" in line)
-    assert_refuses(write(scale + body), None, "K-NET header must end", dt=0.01, units="gal")
-    text = knet_text()
-    assert_refuses(write(text.replace(" 9876", " 8976")), 15, "the file is damaged")
-    assert_refuses(write(text.replace(" 9876", " 9.76")), 20, "9.76 must be a whole number")
