@@ -94,21 +94,21 @@ def beyond(sampling, most):
     return Ensemble.drawn(RANDOM, 2, sampling=sampling, start=most - 1)
 
 
-test_bad_ensembles_are_named = pytest.mark.usefixtures("small_machine")(
-    refusals(
-        (lambda: Ensemble.of([], GRID), "must hold ground motions"),
-        (lambda: Ensemble.of([3], GRID), r"grounds\[0\] = 3 must have acceleration"),
-        (lambda: Ensemble.drawn(RANDOM, 0), "n = 0 must be a positive"),
-        (lambda: Ensemble.drawn(RANDOM, 2, -1), "key = -1 must be a whole number from 0"),
-        (lambda: Ensemble.drawn(RANDOM, 2, jax.random.key(3, impl="rbg")), "key of kind rbg"),
-        (lambda: Ensemble.drawn(RANDOM, 2, "a"), "key = 'a' must be a whole number from 0"),
-        (lambda: Ensemble.drawn(RANDOM, 4, sampling="grid"), "must be 'plain' or 'sobol'"),
-        (lambda: TWO + Ensemble.of(WAVES, GRID), UNCERTAIN),
-        (lambda: TWO.including(WAVES, GRID), UNCERTAIN),
-        (lambda: Ensemble.of([np.sin], GRID) + Ensemble.of(WAVES, GRID), OTHERS),
-        (lambda: Ensemble.drawn(RANDOM, 10**12), FULL),
-        (lambda: TWO.fresh(10**12), FULL),
-        (lambda: beyond("plain", 2**31), "start . n = 2,147,483,649 must be at most 2,147,483,648"),
-        (lambda: beyond("sobol", 2**30), "start . n = 1,073,741,825 must be at most 1,073,741,824"),
-    )
+test_bad_ensembles_are_named = refusals(
+    (lambda: Ensemble.of([], GRID), "must hold ground motions"),
+    (lambda: Ensemble.of([3], GRID), r"grounds\[0\] = 3 must have acceleration"),
+    (lambda: Ensemble.drawn(RANDOM, 0), "n = 0 must be a positive"),
+    (lambda: Ensemble.drawn(RANDOM, 2, -1), "key = -1 must be a whole number from 0"),
+    (lambda: Ensemble.drawn(RANDOM, 2, jax.random.key(3, impl="rbg")), "key of kind rbg"),
+    (lambda: Ensemble.drawn(RANDOM, 2, "a"), "key = 'a' must be a whole number from 0"),
+    (lambda: Ensemble.drawn(RANDOM, 4, sampling="grid"), "must be 'plain' or 'sobol'"),
+    (lambda: TWO + Ensemble.of(WAVES, GRID), UNCERTAIN),
+    (lambda: TWO.including(WAVES, GRID), UNCERTAIN),
+    (lambda: Ensemble.of([np.sin], GRID) + Ensemble.of(WAVES, GRID), OTHERS),
+    (lambda: Ensemble.drawn(RANDOM, 10**12), FULL),
+    (lambda: TWO.fresh(10**12), FULL),
+    (lambda: beyond("plain", 2**31), "start . n = 2,147,483,649 must be at most 2,147,483,648"),
+    (lambda: beyond("sobol", 2**30), "start . n = 1,073,741,825 must be at most 1,073,741,824"),
+    of=lambda _, make: make(),
+    fixtures=("small_machine",),
 )

@@ -50,7 +50,7 @@ def narrow(tmp_path_factory):
     return designed(objective(probability=SELDOM), save=save, start=NEAR), save
 
 
-def test_the_design_pounds_as_seldom_as_wanted(narrow):
+def test_the_design_pounds_as_seldom_as_wanted_and_is_an_optimum(narrow):
     design, _ = narrow
     reached = design.prices["required_gap"]
     assert reached == design.events["required_gap"].probability
@@ -61,11 +61,7 @@ def test_the_design_pounds_as_seldom_as_wanted(narrow):
     z = np.random.default_rng(7).normal(size=(60_000, scenarios.dimension))
     share = np.mean(run(z) <= 0)
     assert share == pytest.approx(reached, abs=4 * np.sqrt(share / 60_000) + 0.05 * reached)
-
-
-def test_the_design_meets_first_order_conditions_of_the_event(narrow):
-    """The prices of gap and friction are in the ratio of the slopes of ln P."""
-    design, _ = narrow
+    # First-order conditions: the prices of gap and friction are in the ratio of slopes of ln P.
     event = design.events["required_gap"]
     assert 0.05 < design.values["friction"] < 1.0
     friction, gap = event.slopes_by(("friction", "initial_gap")).values()  # as the search has them

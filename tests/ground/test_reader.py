@@ -15,24 +15,21 @@ from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.reader import read_record
 from tests.ground import files
 from tests.ground.files import BODY, KIND, TITLE, VALUES, assert_reads, assert_refuses
+from tests.refusals import refusals
 
 MOTION = 0.3 * np.sin(np.arange(33) / 3) * np.exp(-np.arange(33) / 20)
 N = 200_000  # with these, a search that goes back would take days
 HEADER = "header must have at most 10,000"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        *(({"dt": dt}, r"dt = \S+ must be positive and finite") for dt in (0, -1, np.inf, np.nan)),
-        ({"dt": "0.01"}, "read_record: dt = '0.01' must be a real number"),
-        ({"path": 3}, "read_record: path = 3 must be the path of a file"),
-        ({"units": "furlong"}, r"units = 'furlong' .* g, m/s2, cm/s2, gal, ft/s2, in/s2"),
-    ],
+test_wrong_arguments_are_named = refusals(
+    *(({"dt": dt}, r"dt = \S+ must be positive and finite") for dt in (0, -1, np.inf, np.nan)),
+    ({"dt": "0.01"}, "read_record: dt = '0.01' must be a real number"),
+    ({"path": 3}, "read_record: path = 3 must be the path of a file"),
+    ({"units": "furlong"}, r"units = 'furlong' .* g, m/s2, cm/s2, gal, ft/s2, in/s2"),
+    of=lambda write, changed: read_record(**{"path": write("1\n2\n")} | changed),
+    fixtures=("write",),
 )
-def test_wrong_arguments_are_named(write, arguments, says):
-    with pytest.raises(ValueError, match=says):
-        read_record(**{"path": write("1\n2\n")} | arguments)
 
 
 def test_a_peak_above_that_of_most_records_in_g_and_none_at_all_are_warned_of(write):

@@ -5,7 +5,6 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 import jaxpound as jp
 from jaxpound import Link, Rod, System
@@ -133,7 +132,6 @@ def test_systems_are_forests_of_links_with_laws_of_contact():
     assert not valid(1.0, jax.tree.map(lambda _: -1.0, jp.Newton(0.5)))
 
 
-@pytest.mark.unchecked
 def test_a_run_refuses_what_is_no_structure():
     grid = jp.TimeGrid(0.1, 10)
     for wrong in (ROD, 3.0, System, None):
