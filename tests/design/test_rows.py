@@ -12,10 +12,9 @@ from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.design_report import parts_of_page, summary
 from jaxpound.cli.files import page
 from jaxpound.cli.parameters import Parameters
-from jaxpound.model import parameters
 from jaxpound.plots import designs as plots
 from tests.refusals import refusals, refused
-from tests.rows import GAPS, GRID, ROW, WAVES
+from tests.rows import GAPS, GRID, ROW, STEEL, WAVES
 from tests.test_tables import assert_shown
 
 EARTHQUAKES = jp.Ensemble.drawn(jp.Scenarios(ROW, WAVES), 16, sampling="sobol")
@@ -27,10 +26,8 @@ UPPER_STOREY = "buildings.0.rods.1.stiffness"
 SEARCH = {"starts": 2, "iterations": 40, "progress": False}
 
 
-def with_friction(slip_forces, stiffness=12.0):
-    first, second = slip_forces
-    changes = {"links.0.friction": first, "links.1.friction": second, UPPER_STOREY: stiffness}
-    return parameters.put(ROW, changes)
+def with_friction(slip_forces):
+    return with_links([{"friction": mu} for mu in slip_forces])
 
 
 def with_links(changes):
@@ -45,16 +42,14 @@ def mean_min_gap(row, earthquakes, scheme):
 
 @jax.jit
 @jax.vmap
-def mean_gap_in_chunk(slip_forces, stiffness):
-    return mean_min_gap(with_friction(slip_forces, stiffness), EARTHQUAKES, jp.Scheme())
+def mean_gap_in_chunk(slip_forces):
+    return mean_min_gap(with_friction(tuple(slip_forces)), EARTHQUAKES, jp.Scheme())
 
 
-def mean_gap(every, stiffness=12.0):
+def mean_gap(every):
     """Mean gap of each placement; one program of 21 runs them all."""
     chunks = np.resize(every, (-(-len(every) // 21), 21, 2))
-    stiffnesses = np.resize(stiffness, 21)
-    gaps = [mean_gap_in_chunk(chunk, stiffnesses) for chunk in chunks]
-    return np.concatenate(gaps)[: len(every)]
+    return np.concatenate([mean_gap_in_chunk(chunk) for chunk in chunks])[: len(every)]
 
 
 @pytest.fixture(scope="module")
@@ -173,11 +168,22 @@ def test_a_front_over_budgets(design, placements):
 
 
 def test_elasticities_by_a_damper_and_a_storey_of_a_row():
-    found = jp.elasticities(with_friction((0.03, 0.05)), EARTHQUAKES, GRID, demand="min_gap")
+    """Of two storeys beside one."""
+
+    def row(friction, stiffness):
+        upper = jp.Rod(STEEL, stiffness)
+        left = jp.Storeys((1.0, 0.8), (jp.Rod(STEEL, 12.0), upper))
+        right = jp.Storeys((1.0,), jp.Rod(STEEL, 30.0))
+        return jp.Row((left, right), (jp.FloorLink(0, 0, friction=friction, gap=0.06),))
+
+    @jax.jit
+    @jax.vmap
+    def mean(friction, stiffness):
+        return mean_min_gap(row(friction, stiffness), EARTHQUAKES, jp.Scheme())
+
+    found = jp.elasticities(row(0.03, 12.0), EARTHQUAKES, GRID, demand="min_gap")
     h = 1e-5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-    frictions, stiffnesses = (np.array([0.03, 12.0]) * (1 + h)).T
-    both = np.stack([frictions, np.full(5, 0.05)], axis=-1)
-    gap, *gaps = mean_gap(np.resize(both, (21, 2)), stiffnesses)[:5]
+    gap, *gaps = mean(*(np.array([0.03, 12.0]) * (1 + h)).T)
     assert found.value == pytest.approx(float(gap))
     slopes = np.subtract(gaps[::2], gaps[1::2]) / 2e-5 / abs(found.value)
     for path, slope in zip(("links.0.friction", UPPER_STOREY), slopes, strict=True):
