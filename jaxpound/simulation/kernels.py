@@ -43,7 +43,7 @@ ARITHMETIC = {
 """Operations on single numbers that may be part of a kernel."""
 
 _OF_ARRAYS = {
-    "broadcast_in_dim", "concatenate", "iota", "optimization_barrier", "pad", "reduce_and",
+    "broadcast_in_dim", "concatenate", "iota", "name", "optimization_barrier", "pad", "reduce_and",
     "reduce_max", "reduce_min", "reduce_or", "reduce_sum", "remat2", "reshape", "scan", "slice",
     "split", "squeeze", "stack", "transpose",
 }

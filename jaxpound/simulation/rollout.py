@@ -36,6 +36,7 @@ from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
 from jaxpound.simulation.starting import AtRest, Displaced, RunStart
 from jaxpound.simulation.state import (
+    FLOW,
     Instant,
     RunState,
     StepConstants,
@@ -139,6 +140,10 @@ class Rollout(NamedTuple):
             *after, instant = step(*arguments)
             idle = [state, [zero] * len(sums)]
             return *starting.kept(time, idle, after), instant
+
+        if constants.may_flow:  # reverse mode then keeps half as many numbers of each step
+            kept = jax.checkpoint_policies.save_only_these_names(FLOW)
+            advance = jax.checkpoint(advance, prevent_cse=False, policy=kept)
 
         scan = partial(
             scan_with_history,

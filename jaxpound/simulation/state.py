@@ -27,6 +27,10 @@ WRITTEN_OUT = 4
 flow, they are a loop, which compiles in a third of the time and runs at most a fifth slower."""
 
 
+FLOW = "local flow"
+"""Name of the results of local flows, which reverse mode keeps where it computes steps anew."""
+
+
 def each(function: Callable[..., Any], *series: Iterable[Any]) -> tuple[Any, ...]:
     """A function of the entries of several series one by one; None where an entry is None."""
     rows = zip(*series, strict=True)

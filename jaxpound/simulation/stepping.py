@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
+from jax.ad_checkpoint import checkpoint_name
 
 from jaxpound.model.topology import GROUND, LinkGroup, elongation, link_groups
 from jaxpound.simulation import state
@@ -28,7 +29,7 @@ from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.starting import RunStart
-from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
+from jaxpound.simulation.state import FLOW, Instant, LinkInstant, LinkState, RunState, StepConstants
 from jaxpound.simulation.yielding import HysteresisStep, hysteresis_step, moved, observed
 
 
@@ -205,6 +206,7 @@ class _Step(NamedTuple):
         # A flow needs no numbers of the masses, in which groups of one structure would differ.
         arguments = [(coupled._replace(mass_shares={}), before) for _, coupled, before in steps]
         results, flows = _map_like(contact_group.run_flow, arguments), []
+        results = checkpoint_name(results, FLOW)
         for inputs, (result, used) in zip(steps, results, strict=True):
             before = inputs[2]
             shift = jnp.where(used, contact_group.mean_sample(result, before) - before.closing, 0.0)

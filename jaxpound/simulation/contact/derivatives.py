@@ -76,7 +76,8 @@ def in_both_modes(
 
     @jax.custom_jvp
     def differentiable(inputs: Any, constants: Any) -> Any:
-        return run(inputs, constants)
+        # Where JAX computes a run's steps anew, second derivatives reach this function itself.
+        return run(jax.tree.map(_differentiated_once, inputs), constants)
 
     @differentiable.defjvp
     def linear(primals: Any, tangents: Any) -> Any:
