@@ -3,8 +3,9 @@
 Under vmap a loop goes on until all lanes of the batch have finished, and every lane pays for every
 iteration. So ``where_needed`` picks the lanes that need it, and runs the loop for them alone.
 
-The computation of a lane may be compiled as one kernel (``kernels``): then they are taken one after
-the other, elsewhere in groups. All of a kernel's arguments are one array, as it must use them all.
+Lanes are picked in small groups. The computation of a lane may be compiled as one kernel
+(``kernels``): then those of a group are run one after the other, elsewhere side by side. All of a
+kernel's arguments are one array, as it must use them all.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
 
@@ -26,6 +26,14 @@ from jaxpound.simulation.kernels import in_kernel
 
 _OfColumn = Callable[[jax.Array], jax.Array]
 _ToColumn = Callable[[Any], jax.Array]
+
+
+_PICKED = 8
+"""Lanes that are picked at a time where they are computed one after the other."""
+
+
+_COMPARED = 4096
+"""Lanes up to which comparing all finds the next ones faster than halving intervals does."""
 
 
 class _Layout(NamedTuple):
@@ -68,8 +76,8 @@ class _Layout(NamedTuple):
 def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable[..., Any]:
     """A function of ``(needed, *args)``: ``work(*args)`` if needed, else zeros.
 
-    ``needed`` is a single truth value; ``args`` and the result are pytrees of real arrays. Lanes of
-    a batch are taken in groups of a ``width``. Without one the work of each lane is one kernel.
+    ``needed`` is a single truth value; ``args`` and the result are pytrees of real arrays. Up to a
+    ``width`` lanes of a batch work side by side. Without one the work of each lane is one kernel.
     """
 
     @partial(jax.jit, static_argnums=0)
@@ -80,8 +88,6 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
     def lane(layout: _Layout, column: jax.Array) -> jax.Array:
         result = columns(layout, column)
         return in_kernel(result) if width is None else result
-
-    in_turn = _one_by_one if width is None else partial(_in_groups, width)
 
     @custom_vmap
     def single(needed: jax.Array, *args: Any) -> Any:
@@ -99,7 +105,8 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
         nothing = 0 * needed[0].astype(results.dtype)
         empty = jnp.full((results.ends[-1], needed.shape[0]), nothing)
         layout = _Layout.of(of_lane)
-        out = in_turn(partial(lane, layout), layout.column, needed, args, empty)
+        group = partial(_one_by_one if width is None else _side_by_side, partial(lane, layout))
+        out = _in_groups(width or _PICKED, group, layout.column, needed, args, empty)
         return jax.vmap(results.pytree, in_axes=1)(out)
 
     @single.def_vmap
@@ -129,47 +136,48 @@ def _repeated(size: int, batched: Any, args: Any) -> Any:
     )
 
 
-def _one_by_one(
-    work: _OfColumn, column_of: _ToColumn, needed: jax.Array, args: Any, out: jax.Array
-) -> jax.Array:
-    """Columns of results, a lane each, with those of the lanes that need it computed."""
-    size = needed.shape[0]
-    numbers = jnp.arange(size, dtype=np.int32)
-
-    def first(wanted: jax.Array) -> jax.Array:
-        return jnp.where(wanted, numbers, size).min()
-
-    def lane(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        number, out = carry
-        of_lane = [lax.dynamic_index_in_dim(x, number, 0, False) for x in jax.tree.leaves(args)]
-        column = work(column_of(of_lane))
-        out = lax.dynamic_update_index_in_dim(out, column, number, 1)
-        return first(needed & (numbers > number)), out
-
-    return lax.while_loop(lambda carry: carry[0] < size, lane, (first(needed), out))[1]
-
-
 def _in_groups(
     width: int,
-    work: _OfColumn,
+    work: Callable[..., jax.Array],
     column_of: _ToColumn,
     needed: jax.Array,
     args: Any,
     out: jax.Array,
 ) -> jax.Array:
-    """The same, by groups: enough lanes to fill registers, few enough to end together."""
-    size, count = needed.shape[0], needed.sum()
-    width = min(width, size)
+    """Columns of results, a lane each, with those of the lanes that need it computed by groups.
+
+    ``work`` puts results of the first lanes of a group, which may not be full, in their places.
+    """
+    size, places = needed.shape[0], jnp.cumsum(needed)
+    width, count = min(width, size), places[-1]
+    method = "compare_all" if size <= _COMPARED else "scan"
 
     def group(carry: Any) -> Any:
         done, out = carry
         # The next lanes that need the work; the group is filled up with copies of its first.
-        ranks = done + 1 + jnp.arange(width)
-        numbers = (jnp.cumsum(needed)[None] < ranks[:, None]).sum(1)
+        numbers = jnp.searchsorted(places, done + 1 + jnp.arange(width), method=method)
         lanes = jnp.where(numbers < size, numbers, numbers[0])
         of_group = jax.tree.map(lambda x: jnp.take(x, lanes, axis=0, mode="clip"), args)
         columns = jax.vmap(column_of, out_axes=1)(of_group)
-        columns = jax.vmap(work, in_axes=1, out_axes=1)(columns)
-        return done + width, out.at[:, numbers].set(columns, mode="drop")
+        return done + width, work(columns, numbers, count - done, out)
 
     return lax.while_loop(lambda carry: carry[0] < count, group, (0 * count, out))[1]
+
+
+def _one_by_one(
+    work: _OfColumn, columns: jax.Array, numbers: jax.Array, count: jax.Array, out: jax.Array
+) -> jax.Array:
+    """Results of the first ``count`` columns, each computed after the other, in their places."""
+
+    def lane(k: jax.Array, out: jax.Array) -> jax.Array:
+        result = work(lax.dynamic_index_in_dim(columns, k, 1, False))
+        return lax.dynamic_update_index_in_dim(out, result, numbers[k], 1)
+
+    return lax.fori_loop(0 * count, jnp.minimum(count, len(numbers)), lane, out)
+
+
+def _side_by_side(
+    work: _OfColumn, columns: jax.Array, numbers: jax.Array, count: jax.Array, out: jax.Array
+) -> jax.Array:
+    """Results of all columns, computed together, in the places of those that have one."""
+    return out.at[:, numbers].set(jax.vmap(work, in_axes=1, out_axes=1)(columns), mode="drop")
