@@ -99,12 +99,17 @@ DESIGN = jnp.array(
 
 
 def best(calls, rounds=7):
-    """Shortest time of each call, all in turn, so that a busy moment meets them alike."""
+    """Shortest time of each call, all in turn, so that a busy moment meets them alike.
+
+    An untimed call comes before each: threads of the call before may still wait on the cores, as
+    those of Numba do, and its numbers fill the caches.
+    """
     for call in calls.values():
         call()
     times = {name: [] for name in calls}
     for _ in range(rounds):
         for name, call in calls.items():
+            call()
             start = time.perf_counter()
             call()
             times[name].append(time.perf_counter() - start)
