@@ -159,8 +159,8 @@ def incremental_dynamic_analysis(
     store
         A folder that keeps finished runs, by record and factor: after an interruption the same call
         continues from them, and its result is the same. A call with other intensities, or another
-        measure, threshold, ``refine`` or ``tolerance``, runs only what is missing. Damaged files
-        are named in a warning, and their runs are repeated.
+        measure, threshold, ``refine`` or ``tolerance``, runs only what is missing. It is for one
+        process at a time. Damaged files are named in a warning, and their runs are repeated.
 
     Raises
     ------

@@ -85,8 +85,8 @@ def rare_event(
         million by subset simulation. They come in batches of 256, three at least.
     store
         A folder that keeps design points and finished runs: after an interruption the same call,
-        or one with a smaller ``cov``, continues from them, and its result is the same. Damaged
-        files are named in a warning, and their runs are repeated.
+        or one with a smaller ``cov``, continues from them, and its result is the same. It is for
+        one process at a time. Damaged files are named in a warning, and their runs are repeated.
     progress
         Whether to show a progress bar with the estimate and its c.o.v.
 

@@ -4,9 +4,9 @@ Kick and drift: velocities live half a step before the positions, v_{m+1/2} = v_
 x_{m+1} = x_m + h v_{m+1/2}. This is the central difference of the paper's eqs. (10) and (12)
 without its cancellation.
 
-A link's right end *hangs* on its left end: the unknowns are the left end's position and the link's
-closing s = x_i − x_j, so that stick is exact and the gap has no cancellation. A mass linked to the
-ground hangs on the ground.
+In each group of links that share masses one end of a link *hangs* on the other, outwards from the
+root, a mass or the ground: the unknowns are the position of the root and the closings of the links,
+s = x_i − x_j, so that stick is exact and the gap has no cancellation.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def step(
     t_m, and ``starting`` how it starts.
     """
     acceleration, mean_acceleration = ground
-    whole = system
+    of_run = system  # not of its first step, which may be another
     system, mean_acceleration = starting.kick(system, mean_acceleration, is_first)
     topology = system.topology
     x = state.of_all_masses(topology, before.x, [link.closing for link in before.links])
@@ -112,9 +112,9 @@ def step(
         links=links,
     )
     inertia: dict[int, jax.Array] = {}
-    if whole.inerters is not None:
+    if of_run.inerters is not None:
         totals = [motions[k].total_force for k in range(len(closings))]
-        inertia = state.inerter_forces(whole, forces, acceleration, totals)
+        inertia = state.inerter_forces(of_run, forces, acceleration, totals)
     seen = tuple(
         LinkInstant(s, motions[k].velocity_now, motions[k], inertia.get(k))
         for k, s in enumerate(closings)

@@ -329,7 +329,8 @@ def identity(
 class RunLog:
     """The runs of an analysis in the folder of a store, in any order, so that it can continue.
 
-    Each row identifies its run; chunks are numbered as written. A warning names damaged files.
+    Each row identifies its run; chunks are numbered as written, by one process at a time. A warning
+    names damaged files.
     """
 
     def __init__(self, folder: str | os.PathLike[str], identity: dict[str, Any]) -> None:
