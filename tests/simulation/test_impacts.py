@@ -4,6 +4,7 @@ import functools
 from dataclasses import dataclass, replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -325,3 +326,33 @@ def test_a_law_of_ones_own_is_asked_for_what_it_says_alone():
     assert force == pytest.approx(float(hertz.demand.peak_contact), rel=0.05)
     harder, softer = (force_and_slope(stiffness)[0] for stiffness in (2040.0, 1960.0))
     assert slope == pytest.approx(float(harder - softer) / 80, rel=1e-3)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Root:
+    """Hertz's law with damping, whose derivatives are not finite at penetration or speed 0."""
+
+    stiffness: float
+    factor: float
+
+    def force(self, penetration, speed, touch_speed):
+        elastic = self.stiffness * penetration * jnp.sqrt(penetration)
+        return elastic * (1 + self.factor * speed / touch_speed)
+
+
+def test_a_law_with_a_root_and_a_quotient_has_the_derivatives_of_the_library_s_law():
+    library = jp.HertzDamped(2000.0, 0.65)
+    grid = jp.TimeGrid.until(8.0, dt=0.05)
+
+    def hit(contact, stiffness, gap):
+        contact = replace(contact, stiffness=stiffness)
+        structures = replace(PAPER, contact=contact, initial_gap=gap)
+        return jp.demand(structures, SHAKING, grid).peak_contact
+
+    def force_and_slope(contact):
+        at, change = (2000.0, 0.5), (1000.0, 0.1)
+        return jax.jit(lambda *x: jax.jvp(lambda *y: hit(contact, *y), x, change))(*at)
+
+    own = Root(library.stiffness, float(library.damping_factor))
+    np.testing.assert_allclose(force_and_slope(own), force_and_slope(library), rtol=1e-6)
