@@ -12,7 +12,7 @@ from types import NoneType
 from typing import Any, NamedTuple, TypeVar, cast, dataclass_transform
 
 import jax.numpy as jnp
-from jax.tree_util import GetAttrKey, register_pytree_with_keys
+from jax.tree_util import GetAttrKey, register_pytree_with_keys, tree_structure
 
 from jaxpound._checks import Range, Rule, enforce, finite, instance, is_traced, number, pytree, real
 from jaxpound._tables import dataclass_repr
@@ -207,6 +207,20 @@ def pytree_dataclass(cls: type[T]) -> type[T]:
 
     register_pytree_with_keys(data_cls, flatten_with_keys, unflatten, flatten)
     return data_cls
+
+
+def node_classes(tree: Any) -> tuple[type, ...]:
+    """The classes of a pytree's nodes.
+
+    JAX takes classes registered by ``register_dataclass`` for equal if they have equally many
+    fields. So a program that is kept for a user's pytree must be kept by these classes, too.
+    """
+
+    def classes_in(structure: Any) -> tuple[type, ...]:
+        node = structure.node_data()
+        return sum(map(classes_in, structure.children()), () if node is None else (node[0],))
+
+    return classes_in(tree_structure(tree))
 
 
 def unchecked(cls: type[T], **fields: Any) -> T:

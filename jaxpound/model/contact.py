@@ -19,7 +19,15 @@ from jax.extend.core import Jaxpr, Var
 from jaxpound._checks import Range, hint, require_batch
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger
-from jaxpound._fields import check, like, parameter, pytree_dataclass, static, unchecked
+from jaxpound._fields import (
+    check,
+    like,
+    node_classes,
+    parameter,
+    pytree_dataclass,
+    static,
+    unchecked,
+)
 from jaxpound.model.contact_numbers import contact_stiffness as contact_stiffness
 from jaxpound.model.contact_numbers import exact_damping_factor
 
@@ -65,7 +73,7 @@ class ContactLaw(Protocol):
         Parameters
         ----------
         penetration
-            δ ≥ 0.
+            δ ≥ 0; in runs above 0, so that roots of it need no guard.
         speed
             δ', positive in approach.
         touch_speed
@@ -78,13 +86,13 @@ def with_mass(law: Any, effective_mass: Any) -> Any:
     """The law for blocks of this effective mass.
 
     Its force may also be evaluated while the blocks are apart; a user-defined law is then called
-    with a negligible penetration and touch speed 1.
+    with a negligible penetration, and the touch speed of the last contact or 1.
     """
     for_mass = getattr(law, "for_mass", None)
     law = law if for_mass is None else for_mass(effective_mass)
     if isinstance(law, Newton | Hertz | _ForMass):
         return law
-    return unchecked(_Pressed, law=law, tension=may_pull(law))
+    return unchecked(_Pressed, law=law, tension=may_pull(law), classes=node_classes(law))
 
 
 def may_pull(law: Any) -> bool:
@@ -359,6 +367,7 @@ class _Pressed:
 
     law: Any
     tension: bool = static()
+    classes: tuple[type, ...] = static()
 
     def force(self, penetration: Any, speed: Any, touch_speed: Any) -> Any:
         # At the touch, where rounding may leave δ just below 0, the derivative is that of contact.
@@ -367,7 +376,7 @@ class _Pressed:
         least = limits.tiny**0.25
         lifted = penetration + lax.stop_gradient(larger(least - penetration, 0.0))
         pressed = jnp.where(penetration > -(limits.eps**0.75), lifted, least)
-        met = touch_speed > 0  # else the blocks are apart
+        met = touch_speed > 0  # not before the first contact
         return self.law.force(pressed, speed, jnp.where(met, touch_speed, 1.0))
 
 

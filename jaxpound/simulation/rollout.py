@@ -21,7 +21,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold
-from jaxpound._fields import rules
+from jaxpound._fields import node_classes, rules
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion
 from jaxpound.ground.run_input import as_run
@@ -141,7 +141,7 @@ class Rollout(NamedTuple):
             idle = [state, [zero] * len(sums)]
             return *starting.kept(time, idle, after), instant
 
-        if constants.may_flow:  # reverse mode then keeps half as many numbers of each step
+        if constants.may_flow:  # reverse mode then keeps fewer numbers of each step
             kept = jax.checkpoint_policies.save_only_these_names(FLOW)
             advance = jax.checkpoint(advance, prevent_cse=False, policy=kept)
 
@@ -247,12 +247,18 @@ def observed_at(
     the input (``demand`` does); an invalid run gives NaN.
     """
     ground = as_run(ground, scheme.finest(grid), gravity_of(structures))
-    return _observed_at(observer, (structures, ground), grid, scheme, jnp.asarray(instant))
+    case = structures, ground
+    return _observed_at(observer, case, node_classes(case), grid, scheme, jnp.asarray(instant))
 
 
-@partial(jax.jit, static_argnames=("observer", "grid", "scheme"))
+@partial(jax.jit, static_argnames=("observer", "classes", "grid", "scheme"))
 def _observed_at(
-    observer: Observer, case: tuple[Structures, Ground], grid: TimeGrid, scheme: Scheme, number: Any
+    observer: Observer,
+    case: tuple[Structures, Ground],
+    classes: tuple[type, ...],
+    grid: TimeGrid,
+    scheme: Scheme,
+    number: Any,
 ) -> tuple[Any, ...]:
     def observed(grid: TimeGrid, instant: Any) -> tuple[Any, ...]:
         run = Rollout.of(*case, grid, scheme)

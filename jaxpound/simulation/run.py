@@ -18,7 +18,7 @@ from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number
 from jaxpound._errors import InvalidInput
-from jaxpound._fields import rules
+from jaxpound._fields import node_classes, rules
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, require_ground
 from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen, warn
@@ -124,7 +124,8 @@ def respond(
     """``simulate`` for the function ``owner``, which itself checks that results are plausible."""
     ground_motion = _prepare(owner, structures, ground, grid, scheme, strict, initial)
     balanced = not is_traced((structures, ground_motion, initial))
-    response, residual = _simulate((structures, ground_motion, initial), grid, scheme, balanced)
+    case = structures, ground_motion, initial
+    response, residual = _simulate(case, node_classes(case), grid, scheme, balanced)
     response = _finished(response)
     if balanced:
         warn(owner, unbalanced(residual), strict)
@@ -187,7 +188,7 @@ def demand(
             raise InvalidInput("demand", "only", repr(only), "must hold names of scalars")
         only = tuple(only)
     case = structures, ground_motion, initial
-    scalars = _finished(_demand(case, grid, scheme, temperature, only))
+    scalars = _finished(_demand(case, node_classes(case), grid, scheme, temperature, only))
     scalars = dataclasses.replace(scalars, si=gravity_of(structures) is not None)
     if only is None:
         _warn_of_results("demand", structures, ground, scalars, strict)
@@ -261,9 +262,18 @@ def _run(
     return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, ends)))
 
 
-@partial(jax.jit, static_argnames=("grid", "scheme", "only"))
+Classes = tuple[type, ...]
+"""``node_classes`` of a case."""
+
+
+@partial(jax.jit, static_argnames=("classes", "grid", "scheme", "only"))
 def _demand(
-    case: Case, grid: TimeGrid, scheme: Scheme, temperature: ArrayLike | None, only: Any
+    case: Case,
+    classes: Classes,
+    grid: TimeGrid,
+    scheme: Scheme,
+    temperature: ArrayLike | None,
+    only: Any,
 ) -> Demand:
     def at(grid: TimeGrid) -> Demand:
         return _run(case, grid, scheme, temperature, keep=False)[1]
@@ -272,9 +282,9 @@ def _demand(
     return scalars if only is None else scalars.only(only)
 
 
-@partial(jax.jit, static_argnames=("grid", "scheme", "balanced"))
+@partial(jax.jit, static_argnames=("classes", "grid", "scheme", "balanced"))
 def _simulate(
-    case: Case, grid: TimeGrid, scheme: Scheme, balanced: bool
+    case: Case, classes: Classes, grid: TimeGrid, scheme: Scheme, balanced: bool
 ) -> tuple[Response, jax.Array | None]:
     """The response and, if ``balanced``, the share of its energy that the balance leaves."""
 

@@ -1,4 +1,4 @@
-"""A computation for those lanes of a batch that need it, one after the other or in small groups.
+"""A computation for those lanes of a batch that need it, in small groups.
 
 Under vmap a loop goes on until all lanes of the batch have finished, and every lane pays for every
 iteration. So ``where_needed`` picks the lanes that need it, and runs the loop for them alone.
@@ -33,7 +33,7 @@ _PICKED = 8
 
 
 _COMPARED = 4096
-"""Lanes up to which comparing all finds the next ones faster than halving intervals does."""
+"""Lanes up to which comparing all of them finds the next ones; beyond, a binary search."""
 
 
 class _Layout(NamedTuple):

@@ -11,6 +11,7 @@ from jax.extend.core import jaxprs_in_params
 from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
+from jaxpound._fields import node_classes
 from jaxpound.model.contact import with_mass
 from jaxpound.simulation import kernels
 from jaxpound.simulation.contact.flows import flow
@@ -181,6 +182,15 @@ def test_laws_of_two_classes_with_equal_numbers_have_programs_of_their_own():
     x = np.array([float(deepest(start_of(law, 1.0, 0.0))[0]) for law in laws])
     work = 20 * x**2 * [1 + 15 * x[0] ** 2, np.log(1 + 30 * x[1] ** 2) / (30 * x[1] ** 2)]
     np.testing.assert_allclose(work, 0.5, rtol=1e-4)
+
+
+def test_programs_are_kept_by_the_classes_of_laws():
+    """JAX takes trees of two such classes for equal, now and then with the same program."""
+    laws = Hardening(40.0, 30.0), Softening(40.0, 30.0)
+    assert jax.tree.structure(laws[0]) == jax.tree.structure(laws[1])
+    assert node_classes([laws[0]]) == (list, Hardening) != node_classes([laws[1]])
+    bound = [jax.tree.structure(with_mass(law, 1.0)) for law in laws]
+    assert bound[0] != bound[1]
 
 
 def test_the_names_of_a_law_s_numbers_do_not_matter():
