@@ -243,6 +243,8 @@ def report_result(args: argparse.Namespace, file: File, result: RareResult) -> N
 
     answers, scales = summary(file, result), result.config.scales
     figures, files, remarks = {}, {}, []
+    if curve := answers["curve"]:
+        files["curve.csv"] = csv_text([*curve[0]], (row.values() for row in curve))
     if len(result.event.design_points):
         figures["design_earthquake"] = drawn(plots.design_earthquake, result.event, scales=scales)
         first, state = result.event.design_earthquakes[0], result.event.limit_state
@@ -255,10 +257,8 @@ def report_result(args: argparse.Namespace, file: File, result: RareResult) -> N
             "design_earthquake.csv has it (time in s, acceleration in g), as "
             "`jaxpound simulate --record design_earthquake.csv --units g` reads it."
         )
-    if curve := answers["curve"]:
-        events = [*result.curve.values()]
+    if events := [*result.curve.values()]:
         figures["probability"] = drawn(plots.probability_curve, events, scales=scales)
-        files["curve.csv"] = csv_text([*curve[0]], (row.values() for row in curve))
     parts = [VERSION, *parts, *remarks]
     write_report(args, answers, "Probability of a rare event", parts, figures, files)
 

@@ -59,9 +59,16 @@ def shaking(file: File, ground: RecordSection, record: jp.Record) -> jp.Record:
             record = record.scaled_to_pga(ground.pga)
     elif ground.scale is not None:
         record = record._with(record.samples * ground.scale, record.dt)
-    hint = "is [ground] pga or scale right?"
-    require_possible(f"{file.name}: record", "PGA", float(pga(record)), hint)
     return record
+
+
+def of_record(file: File, path: Path, record: jp.Record) -> dict[str, Any]:
+    """The record in numbers; a ``ValueError`` if no earthquake is as strong."""
+    peak = float(pga(record))
+    hint = "is [ground] pga or scale right?"
+    require_possible(f"{file.name}: record", "PGA", peak, hint)
+    duration = float(record.duration)
+    return {"file": str(path), "pga_g": peak, "duration_s": duration, "dt_s": float(record.dt)}
 
 
 def run(args: argparse.Namespace) -> None:
@@ -70,13 +77,13 @@ def run(args: argparse.Namespace) -> None:
     configuration = file.read(Simulation)
     record = jp.read_record(args.record, dt=args.dt, units=args.units)
     record = shaking(file, configuration.ground, record)
+    in_numbers = of_record(file, args.record, record)
     response = respond(file, configuration, record, strict=args.strict)
-    make_folder(args.out)
 
     if args.config is None:
         print("No --config given: these are the buildings of jaxpound simulate --example-config.")
     layout = configuration.layout
-    answers = summary(file, configuration, args.record, record, response)
+    answers = summary(file, configuration, in_numbers, response)
     print(page(answers))
     numbers = results.of_form(answers["results"], layout.is_pair)
     files: dict[str, Any] = {"summary.json": json_text(answers | {"results": numbers})}
@@ -87,6 +94,7 @@ def run(args: argparse.Namespace) -> None:
         files["series.csv"] = response.to_csv
     if not layout.is_pair:
         files["floors.csv"] = results.envelope(layout, response)
+    make_folder(args.out)
     write_files(args.out, files | images(_figures(layout, response), args.pdf))
 
 
@@ -137,17 +145,12 @@ def grid(file: File, configuration: Simulation, record: jp.Record) -> jp.TimeGri
 
 
 def summary(
-    file: File, configuration: Simulation, path: Path, record: jp.Record, response: jp.Response
+    file: File, configuration: Simulation, record: dict[str, Any], response: jp.Response
 ) -> dict[str, Any]:
     """Summary of a run: its input and its scalars; units are in the names."""
     return {
         **file.origin,
-        "record": {
-            "file": str(path),
-            "pga_g": float(jp.pga(record)),
-            "duration_s": float(record.duration),
-            "dt_s": float(record.dt),
-        },
+        "record": record,
         "run": {
             "steps": response.time.size - 1,
             "dt_s": float(response.time[1]),

@@ -29,7 +29,8 @@ def pga(ground: GroundLike, grid: TimeGrid | None = None) -> jax.Array:
     >>> float(jp.pga(jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)))
     0.2
     """
-    return peak(samples_of(ground, grid)[0])
+    samples, _ = samples_of(ground, grid)
+    return peak(samples)
 
 
 def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) -> Float[Array, ""]:

@@ -52,7 +52,7 @@ def replace_file(path: Path, write: Callable[[BinaryIO], Any], keep_existing: bo
                 os.fsync(file.fileno())
             try:
                 if keep_existing:
-                    os.link(part, path)
+                    path.hardlink_to(part)
             except FileExistsError:
                 return
             except OSError:  # a file system without links
