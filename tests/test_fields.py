@@ -14,8 +14,6 @@ from tests.refusals import refused
 
 @pytree_dataclass
 class Material:
-    """Every kind of rule."""
-
     order: object = parameter(above=0, most=1, default=0.5)
     share: object = parameter(least=0, most=1, default=0.5)
     free: object = parameter(default=-3.0)
@@ -28,8 +26,6 @@ class Material:
 
 @pytree_dataclass
 class Frame:
-    """Objects in objects, and in tuples."""
-
     one: Material = part(Material)
     more: tuple = part(Material, each=True)
     weights: tuple = parameter("w", least=0, each=True)

@@ -38,7 +38,6 @@ def ground(gravity=jp.STANDARD_GRAVITY, sign=1.0):
 
 
 def run(building_1, building_2, friction_force, gap, gravity=jp.STANDARD_GRAVITY, sign=1.0):
-    """Dimensionless response, scales, and the response in SI."""
     structures, scales = jp.dimensionless(building_1, building_2, friction_force, gap, gravity)
     record = scales.to_dimensionless(ground(gravity, sign))
     response = jp.simulate(structures, record, scales.grid(5.0, 0.01))

@@ -26,7 +26,6 @@ SMALL += " & # dt -> dt = 0.02"
 
 
 def read(path, records=()):
-    """The configuration, and what the design is made of."""
     file = File.opened(path, "design")
     given = file.read(design.DesignConfig)
     return given, design.prepared(file, given, records)
@@ -199,7 +198,6 @@ IN_NOISE = """fresh = 0 & wavelets -> filter = "kanai-tajimi" ; frequency = 1.5 
 
 @pytest.mark.usefixtures("without_pictures")
 def test_a_limit_on_the_probability_of_pounding(write, tmp_path):
-    """In white noise through the soil."""
     small = SMALL.replace("dt = 0.02", "dt = 0.03")
     path, out = write(f"{small} & {IN_NOISE}"), tmp_path / "out"
     printed = run("design", path, "--out", out)

@@ -34,7 +34,6 @@ SCALED = "code -> range = [0.2, 2.0] & factors = [0.1, 3.0]"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with three records in a folder of its own."""
     made = tmp_path_factory.mktemp("ida")
     (made / "records").mkdir()
     for record in SUITE:
@@ -44,7 +43,6 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def done(folder):
-    """The command's screen and its folder."""
     (folder / "ida.toml").write_text(changed(EXAMPLE, f"{SHORT} & {SCALED}"))
     return run("ida", folder / "ida.toml", "--out", folder / "out"), folder / "out"
 

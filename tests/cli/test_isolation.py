@@ -291,7 +291,6 @@ duration = 1.6
 
 
 def test_a_run_says_and_draws_what_bearings_walls_and_dampers_do(pulse, tmp_path):
-    """A building on friction pendulums between walls, with a brace."""
     screen, out, _, response = simulated(SHORT, pulse, tmp_path)
     demand = response.demand
     results = summary(out)["results"]

@@ -36,7 +36,6 @@ def of_records(table, rest="\n[uncertain]"):
 
 
 def read(path):
-    """The configuration, its scenarios and its grid."""
     file = File.opened(path, "montecarlo")
     given = file.read(montecarlo.StudyConfig)
     return given, *montecarlo.prepared(file, given)
@@ -62,7 +61,6 @@ def test_the_example_is_the_pair_in_si_and_rods_need_no_quotation_marks(write):
 
 
 def shake(path, size, n):
-    """A file of so many samples, of which the largest is ``size``."""
     values = size * np.sin(0.05 * np.arange(n))
     np.savetxt(path, np.column_stack([0.02 * np.arange(n), values]), delimiter=",")
 

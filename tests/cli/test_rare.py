@@ -37,7 +37,6 @@ DESIGN = '\n[design]\nparameter = "friction"\nprobability = 0.01\ntolerance = 0.
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """The command's screen, its configuration and its folders."""
     folder = tmp_path_factory.mktemp("rare")
     path = folder / "rare.toml"
     path.write_text(changed(EXAMPLE, SHORT) + DESIGN)
@@ -107,7 +106,6 @@ def test_a_stopped_search_goes_on(done, monkeypatch):
 
 
 def posed(text):
-    """What is searched for: the file, its configuration and its limit state."""
     file = File("rare.toml", text)
     given = file.read(rare.RareConfig)
     return file, given, rare.limit_state(file, given)

@@ -125,7 +125,6 @@ def test_simulate_says_what_the_library_does(pulse, tmp_path):
 
 
 def folder_of_run(folder, command, text):
-    """The folder of a command with this configuration."""
     path = folder / "config.toml"
     path.write_text(text)
     run(*command_for(command, path, "", folder / command))

@@ -392,7 +392,6 @@ def test_no_best_is_shown_until_there_is_one(monkeypatch, capsys):
 AT_RANDOM = {"optimiser": optax.add_noise(0.1, 0.5, jax.random.key(0)), "save": "x.npz"}
 NARROW = jp.DesignSpace(PAPER, {"friction": (0.2, 1.0), "mass_ratio": (0.5, 2.5)})
 LOW = jp.Objective(limits={"damper_force": 0.1})
-
 test_bad_arguments_are_named = refusals(
     ({"start": {"friction": 2.0, "mass_ratio": 1.0}}, "start: .*friction = 2 must be between"),
     ({"start": dataclasses.replace(PAPER, mass_ratio=3.0)}, "mass_ratio = 3 must be between"),

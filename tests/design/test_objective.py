@@ -99,7 +99,6 @@ def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
 
 NEGATIVE = "total_damper_force = -1 must be positive and fin"
 MEANT = r"unknown demand 'total_damper'.* mean 'total_damper_f"
-
 test_bad_objectives_are_named = refusals(
     (lambda: jp.SoftMinimum(0.0), "temperature = 0 must be positive"),
     (lambda: jp.CVaR(1.0), "share = 1 must be between 0 and 1"),

@@ -54,7 +54,6 @@ def mean_gap(every):
 
 @pytest.fixture(scope="module")
 def placements():
-    """Every placement on a grid of slip forces, and its mean gap."""
     mu = np.linspace(0, BUDGET, 21)
     every = np.stack(np.meshgrid(mu, mu), -1).reshape(-1, 2)
     return every, mean_gap(every)
@@ -168,8 +167,6 @@ def test_a_front_over_budgets(design, placements):
 
 
 def test_elasticities_by_a_damper_and_a_storey_of_a_row():
-    """Of two storeys beside one."""
-
     def row(friction, stiffness):
         upper = jp.Rod(STEEL, stiffness)
         left = jp.Storeys((1.0, 0.8), (jp.Rod(STEEL, 12.0), upper))

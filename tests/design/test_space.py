@@ -79,7 +79,6 @@ def test_derivatives_are_those_of_the_map():
 
 LARGEST = "rod_2.tau_f = {0}, as large as it may be, must be below tau_x = {0}"
 BEYOND = dataclasses.replace(PAPER, friction=1.5)
-
 test_bad_spaces_are_named = refusals(
     (lambda: Bounds(1.0, 1.0), "high = 1 must be finite and above low = 1"),
     (lambda: Bounds(2.0, 1.0), "high = 1 must be finite and above low = 2"),

@@ -20,8 +20,6 @@ from tests.refusals import refusals
 MOTION = 0.3 * np.sin(np.arange(33) / 3) * np.exp(-np.arange(33) / 20)
 N = 200_000  # with these, a search that goes back would take days
 HEADER = "header must have at most 10,000"
-
-
 test_wrong_arguments_are_named = refusals(
     *(({"dt": dt}, r"dt = \S+ must be positive and finite") for dt in (0, -1, np.inf, np.nan)),
     ({"dt": "0.01"}, "read_record: dt = '0.01' must be a real number"),
@@ -66,7 +64,6 @@ TOKENS = [
     *product(("time,acc\n0,1\n0.5,{}\n1,1\n", "time,acc\n0,1\n{},0.5\n1,1\n"), NO_NUMBERS),
     *product(("NPTS= 4, DT= .01\n0 1\n1 {}\n", "time acc\n0 1\n1 {}\n"), NOT_FINITE),
 ]
-
 test_a_file_without_a_record_or_with_too_much_is_refused = files.refusals(
     *((content, None, "is empty") for content in (b"", b"\n \r\n\t\n", b"\x1a", b"\xef\xbb\xbf\n")),
     *((content, None, "binary") for content in BINARY),

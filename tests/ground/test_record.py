@@ -80,7 +80,6 @@ BAD_STEPS_OF_ANOTHER = [
     (2.0, r"dt = 2 must be at most the record's duration, 1\.5"),
 ]
 BAD_PEAKS = [0, -1, np.nan, np.inf, "1", None, True, [1.0, 2.0]]
-
 test_bad_values_are_refused = refusals(
     *((jp.Record, *values, f"^Record: {message}") for values, message in BAD_RECORDS),
     *((jp.Record, [1.0, 2.0], dt, f"^Record: {message}") for dt, message in BAD_STEPS),

@@ -67,7 +67,6 @@ TARGETS, OF_EN, ONES = jp.TargetSpectrum, jp.TargetSpectrum.en_1998, [1.0, 1.0]
 WITHIN = "periods = .* must be within those of the target 'site', 0 to 4"
 NOT_RISING = "periods = 0.1 .* must be finite, not negative and rising"
 TOO_LARGE = r"least = 0.9 must be at most 0\.\d+, which factors of 1"
-
 test_wrong_ranges_factors_and_targets_are_named = refusals(
     # Ranges of periods.
     (lambda: scaled(periods=(0.01, 1.0)), "'slow' holds, 0.04 to 7.98"),

@@ -149,7 +149,6 @@ def test_friction_grows_with_the_velocity_from_slow_to_fast():
 
 PENDULUM = FrictionPendulum
 NOT_POSITIVE, UNMOVED = "must be positive and finite", "damping_ratio: displacement = 0"
-
 test_bad_bearings_are_refused = refusals(
     (PENDULUM, 0.0, 0.06, f"^FrictionPendulum: radius = 0 {NOT_POSITIVE}"),
     (PENDULUM, 100.0, 0.06, r"^FrictionPendulum: radius = 100 must be between 0.05 and 50 m"),

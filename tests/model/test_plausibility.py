@@ -109,7 +109,6 @@ OWNER, OF_ROW, ROD = "Building.from_period: ", r"dimensionless_row: links\.0", (
 STRONG = jp.floor_links(pair(), friction=1e12)
 ROW, PAIR = jp.dimensionless_row, jp.dimensionless
 NO_NUMBER = r"must be a real number \(0 stands for none\)"
-
 test_numbers_that_no_building_has_are_refused = refusals(
     (lambda: pair(periods=(900.0, 600.0)), "Building.from_period: period = 900 must be betwe"),
     (PERIOD, 5e5, 0.9, 5, rf"{OWNER}damping_ratio = 5 must be between 0 and 1 .*0\.05 is 5 %"),

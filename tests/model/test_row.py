@@ -72,7 +72,6 @@ TO_GROUND, TIE = partial(FloorLink, next_building=jp.GROUND), Rod(STEEL, 1.0, (0
 
 TWICE = r"links.2 \(1–2, floor 2\) must not stand where links.1 does: one link has friction, "
 TWICE += r"damper, gap and contact, and gap=\(left, right\) makes one of two faces"
-
 test_links_that_cannot_be_are_refused = refusals(
     ((FloorLink(0, 3),), r"links.0: floor = 3 must be from 0 to 2: building 1 has 3 floors"),
     ((FloorLink(0, 2),), r"links.0: next_floor = 2 must be from 0 to 1: building 2 has 2 floors"),

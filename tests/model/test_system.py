@@ -48,7 +48,6 @@ RING, NO_RING = links((0, 1), (1, 2), (2, 0)), "must not close a ring"
 NEWTON, FREE = jp.Newton(0.5), {"gap": 1.0}
 LAW, PUT = "must be of type ContactLaw or Newton or None", "put @jax.tree_util.regist"
 BATCH = {"gap": [1.0, np.inf], "contact": jp.Hertz(1e4)}
-
 test_what_no_system_can_be_made_of = refusals(
     ((), (), r"masses = \(\) must hold at least one mass"),
     (1.0, GROUNDED, r"masses = 1.0 must be a tuple"),

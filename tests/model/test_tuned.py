@@ -91,7 +91,6 @@ def test_a_tuned_inerter_has_the_share_of_the_modal_mass_that_its_floors_move(fl
 NOT_POSITIVE = "must be positive and finite"
 TOO_SHORT = "period = 0.0005 must be between 0.002 and 60 s"
 OF_TYPE = "building = 3.0 must be of type ShearBuilding or Building"
-
 test_bad_tuned_masses_are_refused = refusals(
     (3.0, 0.05, {}, OF_TYPE),
     (FRAME, 0.0, {}, f"mass_ratio = 0 {NOT_POSITIVE}"),

@@ -174,7 +174,6 @@ BETWEEN = (
 
 @pytest.fixture(scope="module")
 def moved():
-    """Three buildings of 3, 2 and 1 floors, of which nothing made the motion."""
     row = row_of((3, 2, 1), BETWEEN)
     return row_response(row, TIME, lambda i, t: 0.1 * (i + 1) * np.sin((1 + 0.2 * i) * t))
 

@@ -33,7 +33,6 @@ def differ(png, other):
 
 
 def assert_gap(explorer, structures, ground=GROUND):
-    """The explorer shows the run of these."""
     expected = jp.simulate(structures, ground, GRID)
     expected = SCALES.to_si(expected) if explorer.response.si else expected
     np.testing.assert_allclose(explorer.response.gap, expected.gap, atol=1e-12)
@@ -244,7 +243,6 @@ def test_forces_keep_to_the_unit_of_their_axis():
 
 
 def test_a_law_of_contact_has_sliders():
-    """Of buildings that pound from the beginning."""
     explorer = Explorer(replace(S, initial_gap=0.3, contact=LAW), GROUND, SHORT)
     before = float(explorer.response.demand.peak_contact)
     assert {"initial_gap", "contact.stiffness", "contact.restitution"} <= {*explorer.sliders}

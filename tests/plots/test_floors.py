@@ -142,7 +142,6 @@ BUILDINGS = "floors to be compared must be of the same buildings"
 LAST = r"envelopes: elevations\[1\] = \[nan\] must be the heights of 1 floor above"
 ROD = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), 5.0)
 
-
 at_heights = partial(plots.envelope, TWO, "drift")
 test_wrong_arguments_are_refused = refusals(
     (plots.envelopes, {}, "envelopes: floors must hold at least one run"),

@@ -14,7 +14,6 @@ from tests.reliability.test_rare_event import FEW, SHORT
 STATE = jp.LimitState(FEW, SHORT, threshold=0.2)
 ACCELERATION = dataclasses.replace(STATE, demand="peak_acceleration_1")
 
-
 SCALES = jp.Scales(mass=1e5, frequency=5.0)
 
 

@@ -111,7 +111,6 @@ def test_walls_stand_where_gaps_to_the_ground_close_and_bearings_in_a_pit(legibl
 
 
 def colours(ax):
-    """The colours of the floors of two buildings."""
     return [mpl.colors.to_rgba(colour, 0.25) for colour in ("#0072B2", "#D55E00")]
 
 

@@ -261,7 +261,6 @@ def test_paper_figures_and_the_overview_show_what_they_are_called(response, coll
 
 @pytest.fixture(scope="module")
 def batch(response) -> jp.Response:
-    """Three runs: the paper's, one of twice the motion, one with a smaller gap."""
     twice = changed(response, x1=2 * response.x1, x2=2 * response.x2)
     runs = [response, twice, with_gap(response, 0.5)]
     return jax.tree.map(lambda *x: np.stack(x), *runs)

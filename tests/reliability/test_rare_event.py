@@ -283,8 +283,6 @@ def test_events_that_are_not_rare_and_the_method_of_each():
 
 
 class Chosen:
-    """Scenarios that say which of their numbers are discrete."""
-
     dimension, discrete = 5, (3,)
     realize = staticmethod(FEW.realize)
 
@@ -295,7 +293,6 @@ def two_demands(demand):
 
 BY_POINTS, MISSPELT = {"method": "design points"}, {"method": "desing points"}
 MEASURE = {"threshold": 1.0}
-
 test_bad_input = refusals(
     (FEW, -1, {}, "gap = -1"),
     (FEW, 1.0, {"cov": 1.5}, "cov = 1.5"),

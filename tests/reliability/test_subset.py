@@ -40,7 +40,6 @@ def scaled():
 
 @pytest.fixture(scope="module")
 def four(scaled):
-    """The event that a peak reaches four standard deviations."""
     return simulated(scaled(4.0), progress=False)
 
 
@@ -186,7 +185,6 @@ def test_runs_that_fail_or_are_all_the_same_and_few_repeats_are_told():
 
 
 LONG = {"demand": "peak_x" + "9" * 3000, "threshold": 1.0}
-
 test_arguments_that_break_a_rule = refusals(
     ({"n": 0}, "n = 0 must be a positive whole number"),
     ({"n": 50}, "p0 n = 5 must be at least 10"),

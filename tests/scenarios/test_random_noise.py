@@ -238,7 +238,6 @@ def test_random_pulses_sums_and_multiples_have_their_numbers_in_studies_and_seco
 
 
 with_ = partial(partial, dataclasses.replace)
-
 test_bad_values_are_named = refusals(
     (lambda: jp.FilteredNoise(3, 20, 0.1), "filter = 3 must be of type Filter"),
     (lambda: jp.FilteredNoise(KT, 1, 0.1), "samples = 1 must be at least 2"),

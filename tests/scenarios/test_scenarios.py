@@ -190,7 +190,6 @@ U, LOW = jp.Uniform(0.1, 1.0), {"rod_1.tau_x": jp.Uniform(0.0, 0.004)}
 UNCERTAIN = jp.UncertainStructures
 IN_RANGE = r"rod_1.order ~ Uniform\(low=1.2, high=1.8\) must have at least 10% .* in \[1e-30, 1\]"
 RUBBED, FRICTION = UNCERTAIN(PAPER, {"friction": U}), jp.CustomDraw(abs, 1, ("friction",))
-
 test_bad_values_are_named = refusals(
     (lambda: jp.UncertainStructures(PAPER, {}), "must name a parameter"),
     (UNCERTAIN, PAPER, {"rod_1.tau_y": U}, "unknown path 'rod_1.tau_y'; did you mean 'rod_1.tau_"),

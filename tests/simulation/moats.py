@@ -23,8 +23,6 @@ GRID = jp.TimeGrid(STEPS[0], round(END / STEPS[-1]))
 
 
 def system_of(case):
-    """A case's system."""
-
     def rod(x):
         if "F" in x:
             material = jp.PowerLaw(x["F"], x["a"], x["v"])
@@ -81,7 +79,6 @@ def along(system, direction, unit, ground):
 
 
 def response_of(case, unit=1.0, sign=1.0):
-    """A run by the same program."""
     system = system_of(case)
     still = jax.tree.map(lambda x: 0.0, system)
     return along(system, still, unit, ground_of(case, unit, sign))[2]
@@ -100,7 +97,6 @@ def runs(name):
 
 
 def errors_of_displacements(case, response, step):
-    """At the reference's instants."""
     instants = (rests(step / GRID.dt) + EVERY * np.arange(1, len(case["x"]) + 1)) / step
     x = np.stack([mass.x for mass in response.masses], -1)[np.round(instants).astype(int)]
     return np.abs(x - np.array(case["x"]))

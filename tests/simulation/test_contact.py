@@ -60,7 +60,6 @@ def numbers(case):
 
 
 def pair_of(by, law):
-    """A pair of these numbers."""
     left, right = (jp.ZenerRod(*(by[x] for x in names)) for names in RODS)
     return jp.AdjacentStructures(left, right, *(by[x] for x in ("rho", "eps", "mu", "gap0")), law)
 
@@ -71,7 +70,6 @@ def ground_of(case):
 
 
 def run(case, dt):
-    """Of a case, at a step."""
     ground = padded(ground_of(case), 5)
     return jp.simulate(system_of(case), ground, jp.TimeGrid.until(case["T"], dt=dt))
 

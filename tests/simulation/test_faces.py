@@ -51,7 +51,6 @@ def test_the_mirror_image_has_the_faces_of_the_other_side(name):
 
 
 def lost(system, ground):
-    """Energy lost by contact at the step of the grid."""
     demand = jp.demand(system, ground, moats.GRID, only=("contact_work_1", "contact_work_2"))
     return sum(link.contact_work for link in demand.links)
 

@@ -27,7 +27,6 @@ def influence(ends):
 
 
 def matrices(inertances):
-    """Mass and stiffness matrix of the three masses with inerters by their ends."""
     mass, stiffness = np.diag(MASSES), np.zeros((3, 3))
     for matrix, elements in ((mass, inertances), (stiffness, RODS)):
         for ends, number in elements.items():

@@ -84,7 +84,6 @@ def test_buildings_of_one_storey_are_the_block_and_the_pair():
 
 
 def three():
-    """A row of three of 2, 1 and 2 storeys."""
     left, right = tower(2, (STEEL, RUBBER), 12.0), tower(2, (RUBBER, STEEL), 20.0)
     buildings = left, one_storey(RUBBER, 1.5, 2.5), right
     return jp.Row(buildings, jp.floor_links(buildings, friction=0.05, gap=0.1, contact=LAW))
@@ -128,7 +127,6 @@ def test_derivatives_of_towers_that_collide_are_of_second_order(lower, upper):
 
 
 def mirrored(row):
-    """The same row seen from behind."""
     last = len(row.buildings) - 1
     links = []
     for link in row.links[::-1]:

@@ -543,7 +543,6 @@ def test_a_step_above_the_limit_is_refused_with_the_limit_in_its_unit():
 
 
 REAL, TWO_FRICTIONS = "must be a real number", changed(friction=np.array([0.1, 0.2]))
-
 test_bad_grids_schemes_and_arguments_are_named = pytest.mark.unchecked(
     refusals(
         (jp.TimeGrid, 0.0, 10, "dt = 0 must be positive"),
@@ -570,7 +569,6 @@ test_bad_grids_schemes_and_arguments_are_named = pytest.mark.unchecked(
     )
 )
 
-
 invalid = {
     "order": lambda x: changed(rod_1=jp.ZenerRod(1.0 + x, 0.1, 1.0)),
     "tau_f": lambda x: changed(rod_2=jp.ZenerRod(0.5, -x, 1.0)),
@@ -586,8 +584,6 @@ invalid = {
 
 @cache
 def short_runs():
-    """Programs for a batch of runs, and for a derivative."""
-
     def slope(structures, direction):
         return jax.jvp(lambda s: jp.demand(s, WAVES, SHORT).min_gap, (structures,), (direction,))[1]
 

@@ -26,7 +26,6 @@ def columns(start, n):
 
 
 def assert_held(store, chunk, start, n):
-    """A chunk has the columns of its samples."""
     read = store.read(chunk)
     for name, x in columns(start, n).items():
         np.testing.assert_array_equal(read[name], x)

@@ -48,7 +48,6 @@ def study(scenarios=RANDOM, n=50, **more):
 
 
 def assert_same(found, expected, rtol=1e-9, atol=1e-12):
-    """All columns of two studies."""
     for name in expected.columns:
         assert_allclose(found[name], expected[name], rtol=rtol, atol=atol, err_msg=name)
 

@@ -90,7 +90,6 @@ LINES = [
     ("NPTS= 4000, DT= .01 SEC", r"truncated: NPTS = 4000 \D*, 7$"),
     ("NPTS= 5, DT= .01 SEC", r"surplus values: NPTS = 5 \D*, 7$"),
 ]
-
 test_npts_and_dt_must_be_positive_numbers_and_those_of_the_values = files.refusals(
     *((f"{TITLE}{KIND}{line}\n{BODY}", 4, says) for line, says in LINES),
     (TITLE + KIND + NPTS, 4, "no data"),

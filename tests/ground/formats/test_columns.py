@@ -76,7 +76,6 @@ NO_HISTORIES = {
 UNEQUAL = {"0 1\n.1 2\n.2\n.3 4\n": 3, "0 1\n.1 2 3\n": 2, "1 2 3\n4 5\n6 7 8\n": 2, "1\n2 3\n": 2}
 COUNTED = "20\n{}" + "".join(f"{0.1 * (-1) ** k}\n" for k in range(20))
 COMMAS = "0,00;0,5\n0,01;0,6\n", "0,00 0,5\n0,01 0,6\n"
-
 test_what_is_no_history_is_refused = files.refusals(
     *((x.replace(" ", " 1\n") + " 1\n", n, "must be uniform") for x, n in UNEVEN.items()),
     *((f"{x}\n0,.1\n1,.2\n2,.1\n", 1, says) for x, says in NO_HISTORIES.items()),
