@@ -8,7 +8,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._tables import TextTable, rounded
-from tests.cli.commands import tables
+from tests.cli.written import tables
 from tests.refusals import refused
 from tests.study.test_run import LINEAR, study
 

@@ -9,18 +9,8 @@ from matplotlib.image import imread
 import jaxpound as jp
 from jaxpound.cli.files import example
 from jaxpound.quantities import STANDARD_GRAVITY
-from tests.cli.commands import (
-    changed,
-    csv_rows,
-    faults,
-    is_figure,
-    number,
-    refusal,
-    run,
-    summary,
-    tables,
-    unrendered,
-)
+from tests.cli.commands import changed, faults, refusal, run, unrendered
+from tests.cli.written import csv_rows, is_figure, number, summary, tables
 
 EXAMPLE = example("hazard")
 OPENQUAKE = """\

@@ -19,7 +19,8 @@ from jaxpound.cli.design import ObjectiveTable, priced
 from jaxpound.cli.parameters import Parameters, by_path
 from jaxpound.model.parameters import get
 from jaxpound.model.row import by_face
-from tests.cli.commands import csv_rows, layout_of, simulated, summary
+from tests.cli.commands import layout_of, simulated
+from tests.cli.written import csv_rows, summary
 from tests.refusals import refusals, refused
 
 FRAME = jp.ShearBuilding.from_period(3, 3e5, 0.5, 0.03)

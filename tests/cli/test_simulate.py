@@ -9,14 +9,12 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._tables import rounded
+from jaxpound.cli import buildings, reading, simulate
 from jaxpound.cli import main as cli
-from jaxpound.cli import simulate
-from jaxpound.cli.buildings import as_toml
 from jaxpound.cli.files import example
-from jaxpound.cli.reading import File
 from jaxpound.cli.results import lines, of_simulation
-from jaxpound.cli.simulate import Simulation
-from tests.cli.commands import PULSE, example_pair, is_figure, refusal, run, summary
+from tests.cli.commands import PULSE, example_pair, refusal, run
+from tests.cli.written import is_figure, summary
 
 FIGURES = {"overview", "ground_motion", "displacements", "gap", "rod_hysteresis", "energy"}
 FIGURES_OF_DAMPER = {"friction_force", "friction_hysteresis"}
@@ -203,9 +201,9 @@ def test_units_and_dt_of_a_bare_record(write, tmp_path, capsys):
 # --- configuration ------------------------------------------------------------------------------
 
 
-def read(path: Path) -> tuple[File, Simulation]:
-    file = File.opened(path, "simulate")
-    return file, file.read(Simulation)
+def read(path: Path) -> tuple[reading.File, simulate.Simulation]:
+    file = reading.File.opened(path, "simulate")
+    return file, file.read(simulate.Simulation)
 
 
 def with_second_building(keys: str) -> str:
@@ -246,7 +244,7 @@ def test_laws_of_contact_are_read_in_si_and_written_back(keys, law, write):
     stiff = "stiffness = 3e9 ; restitution = 0.6"
     _, given = read(write(f"[contact] ; {keys.replace('STIFF', stiff)}"))
     assert vars(given.contact.model()) == vars(law)
-    again = read(write(text=as_toml(given.layout.si)))[1]
+    again = read(write(text=buildings.as_toml(given.layout.si)))[1]
     for configuration in (given, again):
         back = configuration.scales.contact_to_si(configuration.structures.contact)
         assert type(back) is type(law)

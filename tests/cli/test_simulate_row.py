@@ -7,11 +7,10 @@ import pytest
 from matplotlib.image import imread
 
 import jaxpound as jp
-from jaxpound.cli import simulate, structures
-from jaxpound.cli.files import example
-from jaxpound.cli.reading import File
+from jaxpound.cli import files, reading, simulate, structures
 from jaxpound.cli.results import lines
-from tests.cli.commands import changed, csv_rows, simulated, summary
+from tests.cli.commands import changed, simulated
+from tests.cli.written import csv_rows, summary
 
 
 def short() -> str:
@@ -21,7 +20,7 @@ def short() -> str:
     """
     changes = "duration = 1.6 & scale = 2.5 & floors = -> floor = 2"
     changes += " & masses = [250e3, 200e3] & stiffnesses = [150e6, 100e6]"
-    head, tail = changed(example("simulate", "row"), changes).rsplit("\ncontact = ", 1)
+    head, tail = changed(files.example("simulate", "row"), changes).rsplit("\ncontact = ", 1)
     return head + "\n" + tail.split("\n", 1)[1]
 
 
@@ -115,7 +114,7 @@ def test_every_figure_is_drawn_and_what_a_row_lacks_is_not_told(of_example):
 
 
 def test_a_note_says_what_is_compiled_where_that_takes_long(capsys, monkeypatch):
-    row = File.opened(None, "simulate").read(simulate.Simulation).structures
+    row = reading.File.opened(None, "simulate").read(simulate.Simulation).structures
     with structures.compile_notice(row):
         pass
     monkeypatch.setattr(structures, "AFTER", 0.01)

@@ -18,10 +18,8 @@ import jaxpound as jp
 from jaxpound.cli import design as command
 from jaxpound.cli.design_report import parts_of_page
 from jaxpound.design import search as design_search
-from jaxpound.design.design import Comparison
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.problem import DesignProblem
-from jaxpound.design.search import SearchOptions
 from jaxpound.results.named import LIMITED_OF_PAIR, kind_of
 from tests.design.layouts import parameters_of_pair
 from tests.made import OF_CONTACT
@@ -128,7 +126,7 @@ def test_a_damper_that_practically_never_slips_is_named():
     topology = jp.paper.structures().system().topology
     for slid, hardly_slipping in ((1.8, ("damper",)), (2.2, ())):
         after = columns | {"slip_distance": np.array([0.0, slid])}
-        compared = Comparison(after, after, jp.Objective(), False, topology)
+        compared = jp.Comparison(after, after, jp.Objective(), False, topology)
         assert compared.hardly_slipping == hardly_slipping
 
 
@@ -184,7 +182,7 @@ def test_single_precision_searches_too(stand_in):
 
 def test_options_are_by_default_those_of_design_damper():
     signature = inspect.signature(jp.design_damper).parameters
-    for field in dataclasses.fields(SearchOptions):
+    for field in dataclasses.fields(design_search.SearchOptions):
         assert signature[field.name].default == field.default, field.name
 
 

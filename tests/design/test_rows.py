@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.cli import design_report, files, parameters
 from jaxpound.cli.buildings import BuildingsLayout
-from jaxpound.cli.design_report import parts_of_page, summary
-from jaxpound.cli.files import page
-from jaxpound.cli.parameters import Parameters
 from jaxpound.plots import designs as plots
 from tests.refusals import refusals, refused
 from tests.rows import GAPS, GRID, ROW, STEEL, WAVES
@@ -245,9 +243,10 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     assert ax.get_xlabel() == "peak $|a_1|$ ($g$)"
     layout = BuildingsLayout.of(jp.Buildings(buildings, links), (1,))
     others = {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}
-    answers = summary(found, others, Parameters(layout))
-    parts = parts_of_page(json.loads(json.dumps(answers, allow_nan=False)), compared.topology)
-    told = page("Design", parts, [])
+    answers = design_report.summary(found, others, parameters.Parameters(layout))
+    read = json.loads(json.dumps(answers, allow_nan=False))
+    parts = design_report.parts_of_page(read, compared.topology)
+    told = files.page("Design", parts, [])
     assert "gap" not in told
     assert "pounded" not in told
     assert "the peak absolute acceleration of building 1 changes by -" in told
