@@ -12,17 +12,10 @@ from tests.cli.written import tables
 from tests.refusals import refused
 from tests.study.test_run import LINEAR, study
 
-TABLE = TextTable(
-    'R & D of <script>alert("1")</script>',
-    ("of", "number", "words", ""),
-    [
-        ("a<b", 1234567, "one", "m/s²"),
-        ("longer name", -0.00012345678, "2", ""),
-        ("c", float("nan"), "", "g & more"),
-    ],
-    ["a note with <b>tags</b>"],
-    digits=4,
-)
+CELLS = [("a<b", 1234567, "one", "m/s²"), ("longer name", -0.00012345678, "2", "")]
+CELLS += [("c", float("nan"), "", "g & more")]
+HEADER, NOTES = ("of", "number", "words", ""), ["a note with <b>tags</b>"]
+TABLE = TextTable('R & D of <script>alert("1")</script>', HEADER, CELLS, NOTES, digits=4)
 
 
 def assert_shown(result):

@@ -1,7 +1,4 @@
-"""Bearings, moat walls, tuned masses, links of two faces and dampers with a law in configurations.
-
-What they become, how they are written back, their parameters, mistakes, and what a run says.
-"""
+"""Bearings, moat walls, tuned masses, links of two faces and dampers by a law in configurations."""
 
 import dataclasses
 import math
@@ -165,9 +162,6 @@ def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
     assert {re.sub(r"\d", "*", key) for key in told} <= general
 
 
-# --- parameters ---------------------------------------------------------------------------------
-
-
 PLACE, WALL = "damper's force, 1–2, floors 3–2, right", "1–ground, floor 1, left"
 SPEED, RESTITUTION = "links.0.velocity_friction.velocity", "links.3.contact.restitution"
 
@@ -208,8 +202,6 @@ test_keys = refusals(
     before=r"\[uncertain\].*",
 )
 
-
-# --- mistakes -----------------------------------------------------------------------------------
 
 RUN = "[run]\nfriction = 'switching'"
 GROUND = f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\n"
@@ -277,8 +269,6 @@ test_forms = refusals(
     of=layout_of,
 )
 
-
-# --- a run --------------------------------------------------------------------------------------
 
 SHORT = f"""[[building]]
 storeys = {{number = 1, mass = 3e5, period = 0.3, damping_ratio = 0.03}}

@@ -198,9 +198,6 @@ def test_units_and_dt_of_a_bare_record(write, tmp_path, capsys):
     assert grid.dt * float(configuration.scales.time) == pytest.approx(0.02)
 
 
-# --- configuration ------------------------------------------------------------------------------
-
-
 def read(path: Path) -> tuple[reading.File, simulate.Simulation]:
     file = reading.File.opened(path, "simulate")
     return file, file.read(simulate.Simulation)
@@ -261,9 +258,6 @@ def test_ground(write):
         file, configuration = read(write(changes))
         record = simulate.shaking(file, configuration.ground, jp.Record(PULSE, 0.02))
         np.testing.assert_allclose(record.samples, expected, atol=1e-15)
-
-
-# --- refusals -----------------------------------------------------------------------------------
 
 
 def test_a_truncated_record(el_centro, tmp_path, capsys):

@@ -68,7 +68,6 @@ WITHIN = "periods = .* must be within those of the target 'site', 0 to 4"
 NOT_RISING = "periods = 0.1 .* must be finite, not negative and rising"
 TOO_LARGE = r"least = 0.9 must be at most 0\.\d+, which factors of 1"
 test_wrong_ranges_factors_and_targets_are_named = refusals(
-    # Ranges of periods.
     (lambda: scaled(periods=(0.01, 1.0)), "'slow' holds, 0.04 to 7.98"),
     (lambda: scaled(periods=(0.2, 8.5)), "'slow' holds"),
     (lambda: scaled(periods=(0.2, 6.0)), WITHIN),
@@ -76,7 +75,6 @@ test_wrong_ranges_factors_and_targets_are_named = refusals(
     (lambda: scaled(periods=1.0), "must be a range"),
     *((call, "must hold at least one period") for call in CODES),
     *((lambda call=call: call(1.0, -1.0), "must be positive") for call in CODES),
-    # Factors.
     (lambda: scaled((0.25, 3.0), strict=True), "factors of fast are at a bound"),
     (lambda: scaled(best=4), "best = 4 must be at most 3"),
     (lambda: scaled((0.25, 1.0), least=0.9), TOO_LARGE),
@@ -84,7 +82,6 @@ test_wrong_ranges_factors_and_targets_are_named = refusals(
     (lambda: scaled(2.0), "must be bounds"),
     (lambda: scaled((2.0, 1.0)), "at least the lower bound, 2"),
     (lambda: scaled((0.0, 1.0)), r"factors\[0\] = 0 must be positive"),
-    # Targets.
     (lambda: TARGETS([0.1], [1.0]), "must be of one shape"),
     (lambda: TARGETS([0.1, 0.2], [1.0]), "must be of one shape"),
     (lambda: TARGETS([0.2, 0.1], ONES), NOT_RISING),

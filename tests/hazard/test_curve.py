@@ -318,10 +318,7 @@ test_bad_values_are_named = refusals(
     (lambda: jp.HazardCurve([1, 2], [1e-3, 1e-3]).distribution(), "must be smaller than that"),
     (lambda: CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).deaggregation(), "not of an est"),
     (lambda: rate_at(1, 1).deaggregation([2, 1]), "edges = 1 .* larger"),
-    (
-        lambda: RATE.deaggregation(intensity="pga"),
-        "intensity must be None: a fragility has its own",
-    ),
+    (lambda: RATE.deaggregation(intensity="pga"), "intensity must be None: a fragility has its"),
     (lambda: rate_at(1e300, 0.1).deaggregation(), "the rate, 0 a year, must be positive"),
     (lambda: rate_at(1, 1).deaggregation([2]), r"edges of shape \(1,\)"),
 )

@@ -113,6 +113,7 @@ SWEEP = r"of shape \(2,\) must be one number: a sweep is jax\.vmap"
 ROW, STIFF = jp.ShearBuilding((LEFT,)), jp.Building(4e5, [1e7, 2e7], 0.5, 0.1, 0.2)
 HEAVY = jp.Building([4e5, 5e5], 1e7, 0.5, 0.1, 0.2)  # of which the units are
 STRUCTURES, SCALES = jp.dimensionless(LEFT, RIGHT, **DAMPED)
+STANDARD = {"building_1": LEFT, "building_2": RIGHT, "record": RECORD, **DAMPED}
 test_bad_arguments_are_named_in_si = pytest.mark.unchecked(
     refusals(
         ({"dt": 1.0}, LIMIT),
@@ -130,9 +131,7 @@ test_bad_arguments_are_named_in_si = pytest.mark.unchecked(
         ({"building_1": ROW}, "building_1 = .* must be of type Building; simulate_row takes them"),
         ({"building_1": STRUCTURES}, NO_BUILDING),
         *(({name: np.ones(2)}, f"{name} {SWEEP}") for name in ("friction_force", "gap", "gravity")),
-        of=lambda changes: jp.simulate_buildings(
-            **{"building_1": LEFT, "building_2": RIGHT, "record": RECORD, **DAMPED} | changes
-        ),
+        of=lambda changes: jp.simulate_buildings(**STANDARD | changes),
         before="^simulate_buildings: ",
     )
 )

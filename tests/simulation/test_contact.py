@@ -11,9 +11,8 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.model import parameters
-from tests.reference import convergence_order, load
+from tests.reference import LAWS, convergence_order, load
 from tests.refusals import refused
-from tests.simulation.contact.test_flows import LAWS
 from tests.simulation.pairs import OneOf, in_unit_of_time, padded
 
 CASES = load("contact")["cases"]
