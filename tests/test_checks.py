@@ -118,8 +118,7 @@ def test_numbers_become_floats_and_arrays_that_jax_takes():
 def test_static_fields_shape_the_program_and_labels_do_not():
     spring = Spring(1.0, 2.0, law="cubic", name="mine")
     for after in (jax.jit(lambda s: s)(spring), jax.tree.map(lambda x: x, spring)):
-        assert after.law == "cubic"
-        assert after.name == "unnamed"
+        assert (after.law, after.name) == ("cubic", "unnamed")
     traces = []
 
     @jax.jit
@@ -127,8 +126,7 @@ def test_static_fields_shape_the_program_and_labels_do_not():
         traces.append(spring.law)
         return spring.stiffness * spring.length**2 / 2
 
-    assert energy(Spring(2.0, 3.0, name="a")) == 9
-    assert energy(Spring(2.0, 3.0, name="b")) == 9
+    assert energy(Spring(2.0, 3.0, name="a")) == energy(Spring(2.0, 3.0, name="b")) == 9
     assert energy(Spring(4.0, 1.0)) == 2
     assert traces == ["linear"]
     energy(Spring(2.0, 3.0, law="cubic"))

@@ -346,7 +346,6 @@ def test_a_comparison_is_paired_and_of_one_earthquake_has_no_interval(stand_in):
     expected = bowl(found.values["friction"], found.values["mass_ratio"], 0.1)
     assert other.after["min_gap"][0] == pytest.approx(expected)
     refused("'gap' must be one of min_gap", compared.difference, "gap")
-    # In a summary it is null.
     found = search(iterations=3, fresh=ALONE)
     for estimate in (found.fresh.difference(), *found.fresh.objective.values()):
         assert np.isfinite(estimate.value)

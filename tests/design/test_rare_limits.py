@@ -80,8 +80,7 @@ def test_a_stopped_search_goes_on(narrow, monkeypatch):
 
     monkeypatch.setattr(jp.LimitState, "values_and_times", run)
     again = designed(objective(probability=SELDOM), save=save, start=NEAR)
-    assert again.values == design.values
-    assert again.prices == design.prices
+    assert (again.values, again.prices) == (design.values, design.prices)
 
 
 def test_a_landscape_knows_the_probability_at_the_design(narrow):

@@ -17,12 +17,9 @@ PAPER = jp.paper.structures()
 ALL = {
     "friction": (0.0, 1.0),
     "rod_1.order": (0.05, 0.95),
-    "rod_1.tau_f": Bounds(0.001, 2.0, "log"),
-    "rod_1.tau_x": Bounds(0.5, 20.0, "log"),
-    "rod_2.tau_f": (0.01, 3.0),
-    "rod_2.tau_x": (1.0, 10.0),
-    "stiffness_ratio": Bounds(0.5, 4.0, "log"),
-    "mass_ratio": (0.5, 2.0),
+    **{"rod_1.tau_f": Bounds(0.001, 2.0, "log"), "rod_1.tau_x": Bounds(0.5, 20.0, "log")},
+    **{"rod_2.tau_f": (0.01, 3.0), "rod_2.tau_x": (1.0, 10.0)},
+    **{"stiffness_ratio": Bounds(0.5, 4.0, "log"), "mass_ratio": (0.5, 2.0)},
 }
 SPACE = DesignSpace(PAPER, ALL)
 structures_at, values_at = jax.jit(SPACE.structures), jax.jit(SPACE.values)

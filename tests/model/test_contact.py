@@ -212,7 +212,6 @@ test_a_law_refuses_bad_values = refusals(
     (lambda: KelvinVoigt(0.0, 0.5), "KelvinVoigt: stiffness = 0 must be positive and fin"),
     (lambda: KelvinVoigt(1.0, -0.5), r"KelvinVoigt: restitution = -0\.5 must be in"),
     (lambda: KelvinVoigt(1.0, 0.5, 1), "KelvinVoigt: tension = 1 must be True or False"),
-    (lambda: KelvinVoigt(1.0, 0.5, None), "tension = None must be True or False"),
     (lambda: KelvinVoigt([1.0, 2.0], [0.5] * 3), r"KelvinVoigt: .* \(2,\), .* one batch"),
     (lambda: Hertz(np.inf), "Hertz: stiffness = inf must be positive and finite"),
     (lambda: Hertz([1.0, -1.0]), r"Hertz: stiffness = -1 \(at index \[1\]\) must be"),

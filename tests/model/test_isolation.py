@@ -75,10 +75,8 @@ def test_an_isolated_building_has_its_base_as_floor_0_and_bearings_under_its_who
     rubber, none = jp.isolated(FRAME, RUBBER, BASE, gravity=gravity, height=0.8)
     assert none == ()
     for building, height in ((sliding, 0.5), (rubber, 0.8)):
-        assert building.n_floors == 4
-        assert building.heights == (height, 3.0, 3.0, 3.0)
-        assert building.storeys[1:] == FRAME.storeys
-        assert building.storeys[0].mass == BASE
+        assert (building.n_floors, building.heights) == (4, (height, 3.0, 3.0, 3.0))
+        assert (building.storeys[0].mass, building.storeys[1:]) == (BASE, FRAME.storeys)
         assert building.storeys[0].tau_f == building.storeys[0].tau_x
     bearing = rubber.storeys[0]
     after_yield = bearing.stiffness * bearing.hysteresis.hardening

@@ -44,8 +44,7 @@ def test_a_tuned_mass_on_an_undamped_block_leaves_den_hartog_s_equal_peaks(ratio
 
 def test_a_tuned_mass_is_a_share_of_the_modal_mass_at_the_roof():
     tuned = jp.tuned_mass_damper(FRAME, 0.05, frequency_ratio=0.9, damping_ratio=0.2)
-    assert tuned.storeys[:3] == FRAME.storeys
-    assert tuned.heights == (3.0, 3.0, 3.0, 1.5)
+    assert (tuned.storeys[:3], tuned.heights) == (FRAME.storeys, (3.0, 3.0, 3.0, 1.5))
     shape = np.sin((np.arange(3) + 1) * np.pi / 7)  # of equal floors on equal storeys
     modal_mass = 300e3 * np.sum((shape / shape[-1]) ** 2)
     top = tuned.storeys[3]

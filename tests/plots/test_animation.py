@@ -67,8 +67,7 @@ def test_a_player_and_a_file_have_every_frame_and_of_a_row_its_map_of_gaps(
         moving.save(tmp_path / "house.gif", writer="pillow")
     assert (tmp_path / "house.gif").read_bytes() == (tmp_path / "run.gif").read_bytes()
     with Image.open(tmp_path / "run.gif") as file:
-        assert file.n_frames == 3
-        assert file.info["duration"] == 200
+        assert (file.n_frames, file.info["duration"]) == (3, 200)
 
     def axes_of(film):
         film.to_jshtml()

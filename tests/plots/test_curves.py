@@ -101,8 +101,7 @@ def test_rods_and_links_are_drawn_over_their_elongation_and_slip_and_gaps_over_t
 
 def test_runs_and_batches_without_links_or_gaps_are_valid(ax):
     free, open_ = response(()), response(LINKS[1:2])
-    assert len(free.plot().axes) == 2
-    assert len(open_.plot().axes) == 3
+    assert [len(run.plot().axes) for run in (free, open_)] == [2, 3]
     plots.energy(free, ax)
     for draw in (plots.friction_force, plots.friction_hysteresis):
         refused(f"{draw.__name__}: response must have a link", draw, free, ax)

@@ -62,8 +62,7 @@ def test_a_batch_is_a_median_and_a_band_and_forces_are_in_the_unit_of_their_labe
     np.testing.assert_allclose(ax.lines[0].get_xdata(), middle)
     (band,) = ax.collections
     corners = band.get_paths()[0].vertices[:, 0]
-    assert corners.min() == pytest.approx(low.min())
-    assert corners.max() == pytest.approx(high.max())
+    assert (corners.min(), corners.max()) == pytest.approx((low.min(), high.max()))
     assert 0 == ax.get_xlim()[0] < high.max() < ax.get_xlim()[1]
     ax.clear()
     strong = dataclasses.replace(floors(2), shear=np.array([3e6, 2e6]))

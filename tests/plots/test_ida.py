@@ -59,8 +59,7 @@ def test_a_cloud_with_its_line_and_the_fragility_of_capacities_with_their_distri
     ax.clear()
     (data,) = ida.fragility(FOUND, ax).containers
     np.testing.assert_allclose(data.lines[0].get_data(), [[0.25, 0.4], [1 / 3, 2 / 3]])
-    assert ax.get_ylabel() == "probability of pounding"
-    assert ax.get_xlabel() == "$S_a$(0.9 s) ($g$)"
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("$S_a$(0.9 s) ($g$)", "probability of pounding")
     ax.clear()
     drift = dataclasses.replace(FOUND, demand="peak_drift")
     assert "largest storey drift ≥ 0.05 m" in ida.fragility(drift, ax).get_ylabel()

@@ -62,7 +62,6 @@ def test_event_resolved_is_the_exact_inclusion_within_a_step(case):
     first_pull = (case["a"] + case["a_last"]) / 2
     assume(case["w"] != 0 or abs(first_pull) <= (1 + case["rho"]) * case["mu"])
     slip = slide(jp.EventResolved(), **case)
-    # Friction opposes slip and stays within its bound.
     assert abs(slip.force) <= case["mu"] * (1 + 1e-15)
     assert abs(slip.mean_force) <= case["mu"] + 1e-12
     assert slip.force * slip.velocity_now >= 0
@@ -211,7 +210,6 @@ def test_the_step_s_derivatives_are_those_of_its_own_formulas():
         # Stops at once (θ near 0) cost the plain derivatives their last digits.
         np.testing.assert_allclose(slopes, plain, rtol=1e-8, atol=1e-8)
         np.testing.assert_allclose(np.median(np.abs(slopes - plain), 0), 0, atol=1e-15)
-    # Second derivatives.
     points = np.stack([*random.normal(size=(3, 1000)), np.abs(random.normal(size=1000))], -1)
     points[:, 0] *= 0.03
     plain = derivatives(formulas, jax.jacfwd, jax.jacfwd)(points)

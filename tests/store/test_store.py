@@ -51,8 +51,7 @@ def test_what_was_written_is_read_and_a_store_grows_and_serves_fewer(store):
     with pytest.raises(DamagedError, match=r"chunk 0 is damaged \(it lacks 'c'"):
         again.read(0, ["c"])
     larger = Store.create(store.folder, IDENTITY, 13, {"notes": None})
-    assert Store(store.folder).n == 13
-    assert Store(store.folder).manifest["notes"] == "mine"
+    assert (Store(store.folder).n, Store(store.folder).manifest["notes"]) == (13, "mine")
     assert [larger.read(k) is not None for k in larger.chunks()] == [True, True, False, False]
     fewer = Store.create(store.folder, IDENTITY, 6, {})
     assert Store(store.folder).n == 13
@@ -197,8 +196,7 @@ def test_a_store_that_asks_for_too_much_is_read_by_its_chunks_or_refused(store, 
     """A stray file asks for 2^31 samples; the last chunk, of a smaller study, is not whole then."""
     (store.folder / "samples-2147483648").touch()
     (store.folder / "chunk-999999999.npz").touch()
-    assert Store(store.folder).held() == [0, 1, 2]
-    assert Store(store.folder, 6).held() == [0, 1]
+    assert [Store(store.folder, *n).held() for n in ((), (6,))] == [[0, 1, 2], [0, 1]]
     assert [*dict(Store(store.folder).undamaged(Store(store.folder).held(), ""))] == [0, 1]
     stray = store.folder / "samples-9999999999"
     stray.touch()

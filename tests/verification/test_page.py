@@ -30,7 +30,6 @@ def test_a_section_has_problem_source_errors_order_and_time_and_the_figure_a_pan
     assert "| peak | 2.674 | 2.67 | 0.005 |" in section
     for part in ("## A title", "A problem.", "A source.", "The whole case: 3 s"):
         assert part in section
-    # The figure has a panel for each problem.
     drawing = figure.accuracy_against_time(CASE.curves)
     (ax,) = drawing.axes
     assert ax.get_title() == "A panel"
