@@ -5,8 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies
 
 import jaxpound as jp
 from jaxpound import Bounds, DesignSpace
@@ -23,7 +22,7 @@ ALL = {
 }
 SPACE = DesignSpace(PAPER, ALL)
 structures_at, values_at = jax.jit(SPACE.structures), jax.jit(SPACE.values)
-shares = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8).map(np.array)
+shares = strategies.lists(strategies.floats(0.0, 1.0), min_size=8, max_size=8).map(np.array)
 
 
 @given(shares)

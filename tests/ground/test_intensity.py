@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies
 from jax.test_util import check_grads
 from scipy.integrate import solve_ivp
 
@@ -17,7 +16,7 @@ from tests.ground.motions import RECORD, SAMPLES, sine
 from tests.refusals import refused
 
 
-@given(st.floats(0.01, 3), st.floats(0.5, 5))
+@given(strategies.floats(0.01, 3), strategies.floats(0.5, 5))
 def test_measures_of_a_sine_are_the_closed_forms(amplitude, omega):
     periods, per_period = 3, 800
     dt = 2 * np.pi / omega / per_period

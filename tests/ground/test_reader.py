@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies
 
 from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.reader import read_record
@@ -235,8 +234,8 @@ def test_long_lines_of_a_header_are_read(write, line):
     assert read_record(write(f"{line}\n" * 10 + "0 1\n1 2\n")).n_samples == 2
 
 
-PRINTED = st.floats(-2, 2).map("{:.7E}".format)
-NEWLINES = st.sampled_from(["\n", "\r\n", "\r\r\n"])
+PRINTED = strategies.floats(-2, 2).map("{:.7E}".format)
+NEWLINES = strategies.sampled_from(["\n", "\r\n", "\r\r\n"])
 
 
 def round_trip(factory, lines, newline, printed, step, **arguments):
@@ -253,15 +252,15 @@ def rows_of(printed, width, separator=" "):
 
 @settings(max_examples=60, deadline=None)
 @given(
-    printed=st.lists(PRINTED, min_size=2, max_size=40),
+    printed=strategies.lists(PRINTED, min_size=2, max_size=40),
     newline=NEWLINES,
-    width=st.integers(1, 8),
-    stuck=st.booleans(),
-    exponent=st.sampled_from("EeDd"),
-    form=st.sampled_from(
+    width=strategies.integers(1, 8),
+    stuck=strategies.booleans(),
+    exponent=strategies.sampled_from("EeDd"),
+    form=strategies.sampled_from(
         ["NPTS= {}, DT= {} SEC", "NPTS=   {}, dt=  {}", "NPTS= {}, DT= {} SEC,  ", "{} {} NPTS, DT"]
     ),
-    dt=st.sampled_from(["0.0050", ".01000", "0.02", "1.25E-2"]),
+    dt=strategies.sampled_from(["0.0050", ".01000", "0.02", "1.25E-2"]),
 )
 def test_at2_round_trip(tmp_path_factory, printed, newline, width, stuck, exponent, form, dt):
     body = [row.replace("E", exponent) for row in rows_of(printed, width)]
@@ -273,11 +272,11 @@ def test_at2_round_trip(tmp_path_factory, printed, newline, width, stuck, expone
 
 @settings(max_examples=60, deadline=None)
 @given(
-    printed=st.lists(PRINTED, min_size=2, max_size=40),
+    printed=strategies.lists(PRINTED, min_size=2, max_size=40),
     newline=NEWLINES,
-    separator=st.sampled_from([",", ";", "\t", "  ", " , "]),
-    milliseconds=st.integers(1, 50),
-    start=st.integers(-1000, 1000),
+    separator=strategies.sampled_from([",", ";", "\t", "  ", " , "]),
+    milliseconds=strategies.integers(1, 50),
+    start=strategies.integers(-1000, 1000),
 )
 def test_two_column_round_trip(tmp_path_factory, printed, newline, separator, milliseconds, start):
     times = [f"{(start + k * milliseconds) / 1000:.3f}" for k in range(len(printed))]
@@ -287,10 +286,10 @@ def test_two_column_round_trip(tmp_path_factory, printed, newline, separator, mi
 
 @settings(max_examples=60, deadline=None)
 @given(
-    printed=st.lists(PRINTED, min_size=8, max_size=40),
+    printed=strategies.lists(PRINTED, min_size=8, max_size=40),
     newline=NEWLINES,
-    width=st.sampled_from([1, 3, 5, 8]),
-    separator=st.sampled_from([",", ";", "\t", " "]),
+    width=strategies.sampled_from([1, 3, 5, 8]),
+    separator=strategies.sampled_from([",", ";", "\t", " "]),
 )
 def test_values_round_trip(tmp_path_factory, printed, newline, width, separator):
     lines = rows_of(printed, width, separator)

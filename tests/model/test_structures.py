@@ -7,19 +7,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies
 from numpy.testing import assert_allclose
 
 import jaxpound as jp
 from tests.made import log_uniform
 from tests.refusals import refusals, refused
 
-orders = st.floats(0.01, 1.0)
+orders = strategies.floats(0.01, 1.0)
 taus = log_uniform(1e-4, 1e3)
-ratios = st.just(1.0) | log_uniform(1.0, 1e5)
+ratios = strategies.just(1.0) | log_uniform(1.0, 1e5)
 frequencies = log_uniform(1e-5, 1e5)
-zener_rods = st.builds(lambda g, tau, r: jp.ZenerRod(g, tau, tau * r), orders, taus, ratios)
+zener_rods = strategies.builds(lambda g, tau, r: jp.ZenerRod(g, tau, tau * r), orders, taus, ratios)
 
 
 def modulus(rod, omega):
@@ -50,7 +49,7 @@ def test_moduli_are_those_of_slow_and_fast_motion_and_take_arrays():
     assert_allclose(rod.loss_modulus([3, 4]), loss, rtol=1e-13)
 
 
-@given(zener_rods, frequencies, st.floats(1.0, 100.0))
+@given(zener_rods, frequencies, strategies.floats(1.0, 100.0))
 @example(jp.ZenerRod(1, 0.1, 2.0), 3.0, 2.0)  # the classical solid
 def test_moduli_are_those_of_the_law_in_complex_arithmetic(rod, omega, faster):
     """Rods take energy and stiffen with frequency."""

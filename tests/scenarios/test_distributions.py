@@ -4,8 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies
 from scipy import stats
 
 import jaxpound as jp
@@ -32,7 +31,7 @@ def test_a_distribution_is_its_quantile_function_of_the_normal_s_probability(our
 
 
 @pytest.mark.parametrize(("ours", "theirs"), CASES, ids=lambda x: type(x).__name__)
-@given(st.floats(-8, 8), st.floats(0.001, 0.98), st.floats(0.001, 0.999))
+@given(strategies.floats(-8, 8), strategies.floats(0.001, 0.98), strategies.floats(0.001, 0.999))
 def test_truncation_is_the_conditional_distribution(ours, theirs, z, start, share):
     low, high = theirs.ppf(start), theirs.ppf(start + share * (1 - start))
     x = float(truncated(ours, jnp.asarray(z), low, high))
