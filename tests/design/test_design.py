@@ -243,8 +243,7 @@ def test_a_search_goes_on_where_it_was_stopped(stand_in, tmp_path):
     # A finished one is only read.
     again = search(iterations=60, save=path, callback=lambda told: 1 / 0)
     assert again.values == whole.values
-    says = "holds another search: objective, program differs"
-    refused(says, search, WORST, iterations=60, save=path)
+    refused("holds another search: objective, program dif", search, WORST, iterations=60, save=path)
     path.write_text("nothing")
     refused("holds no search", search, iterations=60, save=path)
 
@@ -431,8 +430,7 @@ def test_what_is_uncertain_cannot_be_chosen():
 
 def test_landscapes_ask_for_two_variables(stand_in):
     found = bowl_design()
-    words = "x = 'mu' must be one of mass_ratio, friction"
-    refused(words, found.landscape, "mu", "friction")
+    refused("x = 'mu' must be one of mass_ratio, friction", found.landscape, "mu", "friction")
     refused("must be two variables", found.landscape, "friction", "friction")
     seen = found.landscape("mass_ratio", "friction", 5)
     friction, ratio = np.asarray(seen.y_values), np.asarray(seen.x_values)

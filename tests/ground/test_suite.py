@@ -42,8 +42,7 @@ def test_a_folder_is_read_in_the_order_of_names(tmp_path):
     scaled = SUITE.scaled([2.0, 1.0, 0.5])
     np.testing.assert_allclose(scaled.pgas, SUITE.pgas * [2.0, 1.0, 0.5])
     np.testing.assert_allclose(SUITE.scaled(3.0).spectra([0.5]), 3 * SUITE.spectra([0.5]))
-    words = r"damping of shape \(2,\) must be one number"
-    refused(words, SUITE.spectra, [0.5], damping=[0.02, 0.05])
+    refused(r"damping of shape \(2,\) must be one numb", SUITE.spectra, [0.5], damping=[0.02, 0.05])
     refused(r"factors of shape \(2,\) must be \(3,\)", SUITE.scaled, [1.0, 2.0])
 
 

@@ -137,5 +137,4 @@ def test_a_run_refuses_what_is_no_structure():
     refused(words, jp.demand, system, jp.paper.ground(), grid)
     broken = dataclasses.replace(System((1.0,), GROUNDED[:1]))
     object.__setattr__(broken, "masses", (float("nan"),))
-    words = r"structures: masses\.0 = nan must be positive"
-    refused(words, jp.demand, broken, jp.paper.ground(), grid)
+    refused(r"structures: masses\.0 = nan must be posi", jp.demand, broken, jp.paper.ground(), grid)

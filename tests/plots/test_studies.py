@@ -140,8 +140,7 @@ def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
     assert legend(ax) == ["link 1", "link 9", "any link", "95 % band"]
     assert len({line.get_color() for line in ax.lines}) == 10
     refused(r"fragility: curve = {} must hold at least one curve", plots.fragility, {}, ax)
-    words = r"curve\['link 1'\] = 0.4 must be of type Fragility"
-    refused(words, plots.fragility, {"link 1": 0.4}, ax)
+    refused(r"curve\['link 1'\] = 0.4 must be of type Fragil", plots.fragility, {"link 1": 0.4}, ax)
 
 
 def test_scatter_has_a_panel_for_each_pair_in_the_unit_of_the_study():
@@ -152,8 +151,7 @@ def test_scatter_has_a_panel_for_each_pair_in_the_unit_of_the_study():
     np.testing.assert_array_equal(x, found.parameters()["period_1"])
     np.testing.assert_array_equal(y, found["peak_f1"])
     assert len(plots.scatter_matrix(found).axes) == 6
-    words = "'mass' must be one of friction, amplitude_1"
-    refused(words, plots.scatter_matrix, found, names=["mass"])
+    refused("'mass' must be one of friction, amplitud", plots.scatter_matrix, found, names=["mass"])
     units = {
         "friction": (r"friction $\mu$ ($m_1 g$)", "friction (kN)", 1e-3 * SCALES.force),
         "amplitude_1": (r"amplitude 1 ($g/\omega_1^2$)", "amplitude 1 (m)", SCALES.length),

@@ -268,5 +268,4 @@ test_bad_values_are_named = refusals(
 
 @pytest.mark.usefixtures("small_machine")
 def test_more_samples_than_memory_has_room_for_are_refused():
-    words = "samples = 10,000,000 would take 220 GB of memory"
-    refused(words, jp.FilteredNoise, KT, 10_000_000, 0.1)
+    refused("samples = 10,000,000 would take 220 GB of memo", jp.FilteredNoise, KT, 10_000_000, 0.1)

@@ -217,8 +217,7 @@ test_bad_values_are_named = refusals(
 
 @pytest.mark.usefixtures("small_machine")
 def test_more_numbers_than_memory_has_room_for_are_refused():
-    words = "wavelets = 1,000,000 would take 88 GB of memory; this"
-    refused(words, jp.RandomRicker, 1_000_000, U, U, U)
+    refused("wavelets = 1,000,000 would take 88 GB of memory;", jp.RandomRicker, 1_000_000, U, U, U)
     refused("dimension = 1,000,000,000 would take 22 TB of memory", jp.CustomDraw, abs, 10**9)
 
 

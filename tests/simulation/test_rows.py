@@ -266,11 +266,9 @@ def test_derivatives_by_a_damper_that_is_not_there_are_those_of_the_pair():
 def test_bad_input():
     row, pair = three(), jp.paper.structures()
     demand = jp.demand(pair, GROUND, GRID)
-    says = "found has 2 masses; it must be of these structures, .* 5"
-    refused(says, jp.floor_demands, row, demand)
+    refused("has 2 masses; it must be of these structures, .* 5", jp.floor_demands, row, demand)
     house = jp.Building.from_period(1e5, 0.5, 0.05)
-    says = r"buildings must be those .*, of \[1, 1\] floors"
-    refused(says, jp.floor_demands, pair, demand, (house,))
+    refused(r"buildings must be those .*, of \[1, 1\] fl", jp.floor_demands, pair, demand, (house,))
     for floors in (jp.floor_demands(pair, demand), jp.floor_demands(pair, demand, (house, house))):
         with pytest.raises(ValueError, match="drift_ratio: it needs drifts in SI and"):
             _ = floors[0].drift_ratio

@@ -144,8 +144,7 @@ def test_folders_in_the_place_of_chunks_other_studies_and_other_things_are_left_
     folder = store.folder.with_name("home")
     folder.mkdir()
     (folder / "thesis.tex").write_text("years of work")
-    words = r"must be empty or hold a manifest.json, but has 'thesis"
-    refused(words, Store.create, folder, IDENTITY, 10, {})
+    refused(r"or hold a manifest.json, but has 'thesis", Store.create, folder, IDENTITY, 10, {})
     assert [p.name for p in folder.iterdir()] == ["thesis.tex"]
 
 

@@ -228,8 +228,7 @@ def test_a_study_grows_and_serves_fewer_and_makes_a_damaged_chunk_anew(tmp_path)
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    words = r"chunk 1 is damaged \(.*\); run monte_carlo again"
-    refused(words, large.__getitem__, "pga")
+    refused(r"chunk 1 is damaged \(.*\); run monte_carlo again", large.__getitem__, "pga")
     with pytest.warns(UserWarning, match=r"study: chunk 1 is damaged \(.*\); damaged chunks are"):
         half = jp.Study.open(folder)
     assert len(half) == 50 - 16
