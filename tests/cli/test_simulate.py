@@ -128,8 +128,7 @@ def test_without_damper_and_with_a_small_gap_the_buildings_pound(pulse, write, t
     table = columns_of(out / "series.csv")
     assert list(table)[:3] == ["time_s", "ground_acceleration_m_per_s2", "x1_m"]
     closed = np.flatnonzero(table["gap_m"] <= 0)[0]
-    contact = results["first_contact_s"]
-    assert table["time_s"][closed - 1] < contact <= table["time_s"][closed]
+    assert table["time_s"][closed - 1] < results["first_contact_s"] <= table["time_s"][closed]
     assert results["min_gap_m"] == pytest.approx(table["gap_m"].min(), abs=1e-3)
     gap = 0.03 + table["x2_m"] - table["x1_m"]
     np.testing.assert_allclose(table["gap_m"], gap, rtol=0, atol=1e-9)
@@ -208,8 +207,7 @@ def with_second_building(keys: str) -> str:
 
 def test_rods_and_the_scheme_are_read_and_rods_may_rule_the_time_step(write):
     rod = "mass = 4e5\nstiffness = 38e6\norder = 1\ntau_f = 0.003\ntau_x = 0.05"
-    text = with_second_building(rod)
-    building = read(write(text=text))[1].building_2.shear().storeys[0]
+    building = read(write(text=with_second_building(rod)))[1].building_2.shear().storeys[0]
     given = jp.Building(4e5, 38e6, 1.0, 0.003, 0.05)
     assert building == given or vars(building) == vars(given)
     # A rod that is far stiffer when fast than when slow: the limit rules, not the period.
@@ -314,8 +312,7 @@ def test_a_full_disk_names_the_file_and_leaves_no_part_of_it(
         assert cli.main(["simulate", *map(str, arguments)]) == 2
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    error = capsys.readouterr().err
-    assert error == f"jaxpound: error: {out / name}: File too large\n"
+    assert capsys.readouterr().err == f"jaxpound: error: {out / name}: File too large\n"
     left = [] if name == "summary.json" else ["summary.json"]
     assert [path.name for path in out.glob("*")] == left
     assert out.exists() == bool(left)  # no empty folder

@@ -61,8 +61,7 @@ def test_the_summary_has_the_api_s_numbers_and_impacts_by_link(of_example):
     assert contact["peak_contact_N"] == float(response.demand.links[0].peak_contact)
     assert touched[0] == impacts[0].time
     # The second link has a gap but no law: its floors overlap, and by more.
-    gap = response.links[1].gap
-    assert gap[np.searchsorted(response.time, touched[1])] <= 0
+    assert response.links[1].gap[np.searchsorted(response.time, touched[1])] <= 0
     assert f"POUNDS: overlap {told['overlap_m']:.4g} m" in screen
     row = next(line for line in screen.splitlines() if line.startswith("1–2, floor 2")).split()
     assert row[-4] == str(int(told["links"][0]["contact"]["n_impacts"]))

@@ -47,8 +47,7 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     study, answers = jp.Study.open(store), summary(out)
     assert [one["link"] for one in answers["links"]] == [1, 2]  # the brace has no gap
     for k, one in enumerate(answers["links"]):
-        expected = study.pounding_probability(link=k)
-        assert one["pounding_probability"]["value"] == expected.value
+        assert one["pounding_probability"]["value"] == study.pounding_probability(link=k).value
         for p, gap in one["required_gap"].items():
             assert gap["value"] == study.required_gap(float(p), link=k).value
     assert 0 < answers["links"][1]["pounding_probability"]["value"] < 1

@@ -241,8 +241,7 @@ def test_a_search_goes_on_where_it_was_stopped(stand_in, tmp_path):
         np.testing.assert_array_equal(one, other)
     assert rest.values == whole.values
     # A finished one is only read.
-    again = search(iterations=60, save=path, callback=lambda told: 1 / 0)
-    assert again.values == whole.values
+    assert search(iterations=60, save=path, callback=lambda told: 1 / 0).values == whole.values
     refused("holds another search: objective, program dif", search, WORST, iterations=60, save=path)
     path.write_text("nothing")
     refused("holds no search", search, iterations=60, save=path)

@@ -63,8 +63,7 @@ def test_drawn_earthquakes_are_monte_carlo_s():
     np.testing.assert_allclose(ensemble.uncertain["friction"], structures.friction[:8])
     assert list(ensemble.uncertain) == ["friction"]
     assert list(Ensemble.drawn(RANDOM, 1).uncertain) == ["friction"]
-    fresh = ensemble.fresh(4)
-    np.testing.assert_allclose(fresh.grounds.periods, grounds.periods[8:])
+    np.testing.assert_allclose(ensemble.fresh(4).grounds.periods, grounds.periods[8:])
     assert "8 earthquakes, with uncertain friction" in repr(ensemble)
 
 

@@ -69,8 +69,7 @@ def test_what_is_meant_or_traced_is_not_warned_of_and_all_else_once():
         return jp.demand(far(gap), factor * LOUD + SHORT, GRID, strict=True).min_gap
 
     jax.eval_shape(min_gap, 1e4, 1.0)
-    slopes = jax.vmap(jax.grad(min_gap, argnums=1))
-    jax.eval_shape(slopes, jnp.full(2, 1e4), jnp.ones(2))
+    jax.eval_shape(jax.vmap(jax.grad(min_gap, argnums=1)), jnp.full(2, 1e4), jnp.ones(2))
 
 
 class Buzz:

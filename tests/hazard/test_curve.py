@@ -94,8 +94,7 @@ def test_the_coefficient_of_variation_is_the_delta_method_s_and_probabilities_po
     assert rate.probability(50.0).value == pytest.approx(1 - np.exp(-50 * rate.value))
     assert rate.return_period == pytest.approx(1 / rate.value)
     assert CURVE.probability(50.0) == pytest.approx(1 - np.exp(-50 * CURVE.annual_rate))
-    design = CURVE.intensity_at(0.02, 50.0)
-    assert float(CURVE.rate(design)) == pytest.approx(-np.log(0.98) / 50)
+    assert float(CURVE.rate(CURVE.intensity_at(0.02, 50.0))) == pytest.approx(-np.log(0.98) / 50)
 
 
 def fitted(measure):

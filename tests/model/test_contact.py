@@ -83,8 +83,7 @@ def test_forces_by_hand():
         assert with_mass(BY_NAME[name], m).force(d, w, v0) == pytest.approx(p, rel=1e-14), name
     xi = 4.5 * np.sqrt(5) * (1 - 0.65**2) / (0.65 * (0.65 * (9 * np.pi - 16) + 16))
     p = hertz + 2 * xi * np.sqrt(1000.0 * np.sqrt(d) * m) * 0.3
-    approaching = with_mass(BY_NAME["jankowski"], m).force(d, 0.3, v0)
-    assert approaching == pytest.approx(p, rel=1e-14)
+    assert with_mass(BY_NAME["jankowski"], m).force(d, 0.3, v0) == pytest.approx(p, rel=1e-14)
 
 
 @named
@@ -117,8 +116,7 @@ def test_every_derivative_is_finite_at_any_state(law):
     precisions, restitutions = (jnp.float32, jnp.float64), (1e-3, 0.5, 1.0)
     for dtype, e, *state in itertools.product(precisions, restitutions, *states):
         with_e = jax.tree.map(lambda x, e=e: e if x < 1 else x, law)
-        numbers = jax.tree.map(dtype, (with_e, 0.4, *state))
-        derivatives = jax.tree.leaves(slopes(*numbers))
+        derivatives = jax.tree.leaves(slopes(*jax.tree.map(dtype, (with_e, 0.4, *state))))
         assert all(np.isfinite(x) for x in derivatives), (e, state)
         assert {x.dtype for x in derivatives} == {np.dtype(dtype)}
 

@@ -106,8 +106,7 @@ def test_modes_are_those_of_the_springs_before_yield():
 
 
 def test_the_link_to_the_ground_has_friction_once_and_a_face_for_each_wall():
-    wall = MoatWall((0.2, 0.3), (LAW, SOFT))
-    building, links = jp.isolated(FRAME, SLIDING, BASE, wall=wall)
+    building, links = jp.isolated(FRAME, SLIDING, BASE, wall=MoatWall((0.2, 0.3), (LAW, SOFT)))
     right, left = jp.Buildings((building,), links).links
     assert (right.side, right.gap, right.contact) == ("right", 0.3, SOFT)
     assert (left.side, left.gap, left.contact) == ("left", 0.2, LAW)

@@ -59,8 +59,7 @@ def test_a_player_and_a_file_have_every_frame_and_of_a_row_its_map_of_gaps(
     response, tmp_path, moved
 ):
     moving = animate(response, frames=3, seconds=0.6)
-    page = moving.to_jshtml()
-    assert page.count("data:image/png;base64") == 3
+    assert moving.to_jshtml().count("data:image/png;base64") == 3
     moving.save(tmp_path / "run.gif", writer="pillow")
     with style.context("jaxpound.house"):  # saved figures are finer, frames are not
         moving.save(tmp_path / "house.gif", writer="pillow")

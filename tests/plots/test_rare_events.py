@@ -33,8 +33,7 @@ def test_a_design_earthquake_and_a_curve_of_probabilities(ax):
     above, below = rare_events.design_earthquake(closes).axes
     assert above.lines[0].get_ydata() == pytest.approx(np.asarray(response.ground_acceleration))
     assert below.lines[0].get_ydata() == pytest.approx(closing)
-    words = ["closing, 1–2, floor 1", "threshold", r"$t$ = 6, $\beta$ = 2.83"]
-    assert legend(below) == words
+    assert legend(below) == ["closing, 1–2, floor 1", "threshold", r"$t$ = 6, $\beta$ = 2.83"]
     _, below = rare_events.design_earthquake(closes, scales=SCALES).axes
     assert below.lines[0].get_ydata() == pytest.approx(closing * float(SCALES.length))
     assert below.lines[0].get_xdata()[-1] == pytest.approx(8.0 / 5.0)

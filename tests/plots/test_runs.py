@@ -255,8 +255,7 @@ def test_paper_figures_and_the_overview_show_what_they_are_called(response, coll
 @pytest.fixture(scope="module")
 def batch(response) -> jp.Response:
     twice = changed(response, x1=2 * response.x1, x2=2 * response.x2)
-    runs = [response, twice, with_gap(response, 0.5)]
-    return jax.tree.map(lambda *x: np.stack(x), *runs)
+    return jax.tree.map(lambda *x: np.stack(x), response, twice, with_gap(response, 0.5))
 
 
 @pytest.mark.parametrize("draw", DRAWINGS[:-1], ids=NAMES[:-1])
@@ -411,5 +410,4 @@ def test_contact_shows_its_forces_and_instants_and_encloses_what_it_loses(collis
     np.testing.assert_array_equal(marks[0].get_xdata(), times)
     np.testing.assert_allclose(np.interp(times, *ax.lines[0].get_data()), 0, atol=5e-3)
     for other in (response, collisions):
-        labels = plots.gap(other, new_axes()).get_legend_handles_labels()[1]
-        assert "impact" not in labels
+        assert "impact" not in plots.gap(other, new_axes()).get_legend_handles_labels()[1]

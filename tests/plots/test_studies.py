@@ -36,8 +36,7 @@ def test_min_gap_s_histogram_and_distribution(found, ax, legible):
         low, high = bar.get_x(), bar.get_x() + bar.get_width()
         inside = np.sum((gaps >= low) & (gaps < high)) + (bar is bars[-1])
         assert bar.get_height() * bar.get_width() == pytest.approx(inside / 400)
-    area = sum(bar.get_width() * bar.get_height() for bar in bars)
-    assert area == pytest.approx(399 / 400)
+    assert sum(bar.get_width() * bar.get_height() for bar in bars) == pytest.approx(399 / 400)
     assert "further left: 1 of 400" in ax.get_legend_handles_labels()[1]
     right = next(other for other in ax.figure.axes if other is not ax)
     x, share = right.lines[0].get_data()
@@ -63,8 +62,7 @@ def test_convergence_ends_at_the_estimate_and_exceedance_is_the_share_of_larger_
     ends = ax.collections[0].get_paths()[0].vertices
     low, high = found.pounding_probability(0.3)[1:3]
     assert {round(low, 12), round(high, 12)} <= {round(y, 12) for x, y in ends if x == 400}
-    new = plots.convergence(found)  # axes of pyplot's
-    assert new.figure.number in pyplot.get_fignums()
+    assert plots.convergence(found).figure.number in pyplot.get_fignums()
     ax = plots.exceedance(found, new_axes(), rules_at=0.1)
     gaps, shares = ax.lines[0].get_data()
     for gap, share in zip(gaps[::7], shares[::7], strict=True):
@@ -85,8 +83,7 @@ def test_convergence_ends_at_the_estimate_and_exceedance_is_the_share_of_larger_
     assert "(m)" in plots.exceedance(in_si, new_axes()).get_xlabel()
     panel = plots.scatter_matrix(in_si, ["peak_f1"]).axes[0]
     assert "(MN)" in panel.get_ylabel()
-    top = panel.lines[0].get_ydata().max()
-    assert top == pytest.approx(in_si["peak_f1"].max() / 1e6)
+    assert panel.lines[0].get_ydata().max() == pytest.approx(in_si["peak_f1"].max() / 1e6)
 
 
 def pounding(found):

@@ -43,8 +43,7 @@ def test_probabilities_of_case_w(events, gap):
     assert event.warnings == ()
     # The union of the linearised limit states comes near without a run; the best of them does not.
     assert 0.4 < event.form / probability < 1.2
-    nearest = np.linalg.norm(event.design_points[0])
-    assert ndtr(-nearest) < 0.3 * probability
+    assert ndtr(-np.linalg.norm(event.design_points[0])) < 0.3 * probability
     # 1e-6 in less than 6,000 run equivalents, where a gradient costs some 3 runs.
     assert event.runs + 4 * event.gradients < 6000
 
@@ -144,8 +143,7 @@ def test_design_earthquakes_close_the_gap(events):
     first = event.design_earthquakes[0]
     assert first.beta == pytest.approx(5.23, abs=0.02)
     # 0.645 at its instant, so at least that over the run.
-    value = event.limit_state.values(first.z[None])[0]
-    assert -0.003 < value < 0.05
+    assert -0.003 < event.limit_state.values(first.z[None])[0] < 0.05
     times, shares = event.failures_by_instant
     assert shares.sum() == pytest.approx(1)
     assert abs(first.time - np.average(times, weights=shares)) < 1.5
@@ -340,6 +338,5 @@ def test_a_period_of_structure_1_is_in_the_unit_of_the_instants():
     instants = {"failures_by_instant": (np.array([1.0, 1.8]), np.array([0.5, 0.5]))}
     of_estimate = {"limit_state": state, "thin": 0.0, "largest_share": 0.0, "values": np.ones(2)}
     event = SimpleNamespace(**of_estimate, **instants)
-    near = SimpleNamespace(instants=np.array([100]))
-    (sign,) = signs_of_missed_failures(event, near)
+    (sign,) = signs_of_missed_failures(event, SimpleNamespace(instants=np.array([100])))
     assert sign.startswith("50% of the estimate comes from runs whose demand is largest at times")

@@ -84,8 +84,7 @@ def test_truncation_keeps_both_tails_and_the_nearer_end():
     z = jnp.asarray([-30.0, -9.0, -1.0, 0.0, 1.0, 9.0, 30.0])
     np.testing.assert_allclose(draw(z, -np.inf, np.inf), z, rtol=1e-12)
     of_z = jax.grad(lambda z: truncated(jp.LogNormal(1.0, 0.5), z, 0.9, 1.1))
-    slopes = jax.jit(jax.vmap(of_z))(z)
-    assert np.isfinite(slopes).all()
+    assert np.isfinite(jax.jit(jax.vmap(of_z))(z)).all()
     z = jnp.linspace(-3, 3, 5)
     for start, end in ((0.0, 2.0), (4.0, 3.0)):
         draw = jax.jit(partial(truncated, jp.Uniform(start, start + 1)))

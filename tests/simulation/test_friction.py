@@ -154,8 +154,7 @@ def test_creep_differentiates_by_the_implicit_function_theorem_to_second_order()
 
     slopes = [difference(creep, i) for i in range(3)]
     assert [float(slope) for slope in first(*point)] == pytest.approx(slopes, rel=1e-8)
-    bend = difference(lambda *x: first(*x)[0], 0)
-    assert second(*point) == pytest.approx(bend, rel=1e-7)
+    assert second(*point) == pytest.approx(difference(lambda *x: first(*x)[0], 0), rel=1e-7)
 
 
 def test_no_width_is_unstable():

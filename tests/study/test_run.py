@@ -118,8 +118,7 @@ def test_answers_in_si_units():
         assert_allclose(si[name], values, rtol=1e-12)
         assert si.moments(name).mean == pytest.approx(float(np.mean(values)))
     assert "(SI)" in repr(si)
-    made = study(LINEAR, 4, scales=scales)
-    assert_allclose(made["pga"], study(LINEAR, 4)["pga"] * 9.80665)
+    assert_allclose(study(LINEAR, 4, scales=scales)["pga"], study(LINEAR, 4)["pga"] * 9.80665)
 
 
 def test_any_object_with_a_dimension_and_a_way_to_realize_will_do():

@@ -30,8 +30,7 @@ def test_a_section_has_problem_source_errors_order_and_time_and_the_figure_a_pan
     assert "| peak | 2.674 | 2.67 | 0.005 |" in section
     for part in ("## A title", "A problem.", "A source.", "The whole case: 3 s"):
         assert part in section
-    drawing = figure.accuracy_against_time(CASE.curves)
-    (ax,) = drawing.axes
+    (ax,) = figure.accuracy_against_time(CASE.curves).axes
     assert ax.get_title() == "A panel"
     (line,) = ax.lines
     assert list(line.get_xdata()) == [10.0, 20.0]

@@ -64,10 +64,8 @@ def test_line_ends_of_every_kind_count_as_one_line(write, newline):
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1"])
 def test_encodings_are_told_apart(write, encoding):
-    text = "0,.1\n1,.2\n"
-    assert_reads(write(text.encode(encoding)), [0.1, 0.2], 1)
-    path = write(("0,.1\n" + "México,.2\n").encode(encoding))
-    assert_refuses(path, 2, "'México'")
+    assert_reads(write("0,.1\n1,.2\n".encode(encoding)), [0.1, 0.2], 1)
+    assert_refuses(write(("0,.1\n" + "México,.2\n").encode(encoding)), 2, "'México'")
 
 
 NO_NUMBERS = ["NPTS= , DT= .01 SEC", "NPTS= seven, DT= .01 SEC", "NPTS= 7x, DT= .01 SEC"]
