@@ -1,11 +1,20 @@
 """Independent references: numbers from other solvers, and the paper's algorithm in plain NumPy."""
 
+import functools
 import json
 from pathlib import Path
 
 import numpy as np
 
+import jaxpound as jp
+
 _FOLDER = Path(__file__).parent / "oracles"
+LAWS = {"kelvin": lambda k, e: jp.KelvinVoigt(k, e, tension=True), "kelvin_clip": jp.KelvinVoigt}
+LAWS |= {"hertz": lambda k, _: jp.Hertz(k), "hertzdamp_exact": jp.HertzDamped}
+for suffix, damping in {"": "muthukumar", "_hc": "hunt-crossley", "_flores": "ye"}.items():
+    LAWS[f"hertzdamp{suffix}"] = functools.partial(jp.HertzDamped, damping=damping)
+LAWS |= {"jankowski": jp.Jankowski, "newton": lambda _, e: jp.Newton(e)}
+"""Laws of contact of a stiffness and a restitution, by their names in ``contact.json``."""
 
 
 def load(name):

@@ -22,7 +22,6 @@ PAIR = jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, friction=100e3, gap=0.05)
 
 
 def linked(**changes):
-    """The pair with another link."""
     return dataclasses.replace(PAIR, links=(dataclasses.replace(PAIR.links[0], **changes),))
 
 
@@ -34,7 +33,6 @@ GRID = jp.TimeGrid.until(float(RECORD.duration), 0.01)
 
 
 def scaled(buildings):
-    """The dimensionless form, its scales, and the time grid."""
     row, scales = buildings.dimensionless()
     return row, scales, scales.grid(GRID.duration, GRID.dt)
 
@@ -218,7 +216,6 @@ SCALED = partial(jp.monte_carlo, SCENARIOS, 8, GRID, scales=jp.Scales(500e3, 7.0
 OF_STRUCTURES = "must be in units of 1/ω1, as the structures are.*Buildings takes it unchanged"
 OF_LINKS = "floor_links: buildings = .* must be a tuple; .* its field buildings has each building"
 SEVERAL = r"Buildings\(\(left, right\), links\) makes"
-
 test_errors_name_the_argument = refusals(
     (jp.demand, PAIR, DIMENSIONLESS, GRID, "must be in seconds, as Buildings are"),
     (jp.demand, jp.paper.structures(), RECORD, GRID, OF_STRUCTURES),

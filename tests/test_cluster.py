@@ -78,7 +78,6 @@ print(len(jp.monte_carlo(SCENARIOS, 256, jp.TimeGrid(0.1, 40), **more)))
 
 
 def start_two(store):
-    """What two processes of the program print."""
     with socket.socket() as free:
         free.bind(("localhost", 0))
         address = f"localhost:{free.getsockname()[1]}"

@@ -3,16 +3,15 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies
 from hypothesis.extra.numpy import arrays
 
 from jaxpound._extrema import larger, peak, smaller
 
-NUMBERS = st.floats(-1e6, 1e6)
+NUMBERS = strategies.floats(-1e6, 1e6)
 
 
-@given(arrays(float, st.sampled_from([1, 2, 20]), elements=NUMBERS))
+@given(arrays(float, strategies.sampled_from([1, 2, 20]), elements=NUMBERS))
 def test_values_are_numpy_s_and_the_peak_is_the_largest_absolute_value(y):
     assert larger(y[0], y[-1]) == np.maximum(y[0], y[-1])
     assert smaller(y[0], y[-1]) == np.minimum(y[0], y[-1])

@@ -12,8 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies
 from jax.flatten_util import ravel_pytree
 
 import jaxpound as jp
@@ -165,22 +164,22 @@ def test_forward_equals_reverse_and_batches_single_gradients(monkeypatch):
 
 
 def floats(*ranges):
-    return [st.floats(*ends) for ends in ranges]
+    return [strategies.floats(*ends) for ends in ranges]
 
 
-rods = st.builds(
+rods = strategies.builds(
     lambda order, tau_f, ratio: jp.ZenerRod(order, tau_f, tau_f * ratio),
     *floats((0.05, 0.99), (0.01, 1.0), (1.02, 20.0)),
 )
 ratios = floats((0.3, 3.0), (0.3, 3.0), (0.02, 1.0), (0.1, 2.0))
-structures_ = st.builds(jp.AdjacentStructures, rods, rods, *ratios)
-times = [st.lists(x, min_size=5, max_size=5) for x in floats((0.8, 4.0), (0.0, 6.0))]
-grounds = st.builds(
+structures_ = strategies.builds(jp.AdjacentStructures, rods, rods, *ratios)
+times = [strategies.lists(x, min_size=5, max_size=5) for x in floats((0.8, 4.0), (0.0, 6.0))]
+grounds = strategies.builds(
     lambda amplitude, factor, dt, periods, arrivals, seed: (
         jp.Ricker(amplitude, periods, arrivals)
         + factor * jp.Record(np.random.default_rng(seed).normal(size=100), dt, time_unit="1/ω1")
     ),
-    *(*floats((-1.0, 1.0), (-1.0, 1.0), (0.1, 0.2)), *times, st.integers(0, 2**32)),
+    *(*floats((-1.0, 1.0), (-1.0, 1.0), (0.1, 0.2)), *times, strategies.integers(0, 2**32)),
 )
 
 ROD = jp.ZenerRod(0.3, 0.1, 1.0)

@@ -14,8 +14,7 @@ PAGES = sorted({*FOLDER.glob("*.md"), DOCS / "isolation.md"} - {FOLDER / "index.
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_guide_runs_and_prints_what_it_says(page, capsys, tmp_path, monkeypatch):
-    text = page.read_text(encoding="utf-8")
-    source = code(text)
+    source = code(page.read_text(encoding="utf-8"))
     said = re.findall(r"^print\(.*\)  # (.+)$", source, re.M)
     assert said
     assert source.count("print(") == len(said)

@@ -47,12 +47,8 @@ interruption.end(0)
 def end(folder, seconds, *numbers, ignored=False):
     """Exit status and stderr of a process that has begun to write a file, after signals."""
     arguments = [str(folder), str(seconds), "ignored" if ignored else ""]
-    with subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
+    command, pipe = [sys.executable, "-c", PROGRAM, *arguments], subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
         assert process.stdout.readline() == "writing\n"
         for number in numbers:
             process.send_signal(number)

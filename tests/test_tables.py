@@ -8,21 +8,14 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._tables import TextTable, rounded
-from tests.cli.commands import tables
+from tests.cli.written import tables
 from tests.refusals import refused
 from tests.study.test_run import LINEAR, study
 
-TABLE = TextTable(
-    'R & D of <script>alert("1")</script>',
-    ("of", "number", "words", ""),
-    [
-        ("a<b", 1234567, "one", "m/s²"),
-        ("longer name", -0.00012345678, "2", ""),
-        ("c", float("nan"), "", "g & more"),
-    ],
-    ["a note with <b>tags</b>"],
-    digits=4,
-)
+CELLS = [("a<b", 1234567, "one", "m/s²"), ("longer name", -0.00012345678, "2", "")]
+CELLS += [("c", float("nan"), "", "g & more")]
+HEADER, NOTES = ("of", "number", "words", ""), ["a note with <b>tags</b>"]
+TABLE = TextTable('R & D of <script>alert("1")</script>', HEADER, CELLS, NOTES, digits=4)
 
 
 def assert_shown(result):
@@ -117,8 +110,7 @@ def test_a_markdown_table_has_every_cell_under_its_name_and_text_without_a_title
 
 def test_rows_are_as_long_as_the_header_and_numbers_are_rounded():
     for row in (("one",), ("one", 2.0, 3.0)):
-        words = "table: the cells of a row"
-        refused(words, TextTable.of, ("words", "number"), [row])
+        refused("table: the cells of a row", TextTable.of, ("words", "number"), [row])
     shown = {None: "-", "worst": "worst", 0: "0", 0.0123456: "0.01235", -9999.4: "-9999"}
     shown |= {12345.6: "12,350", -2e9: "-2,000,000,000", 3e12: "3e+12", float("inf"): "inf"}
     assert {value: rounded(value) for value in shown} == shown

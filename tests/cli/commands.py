@@ -1,17 +1,14 @@
 """What the tests of the command line have in common."""
 
 import contextlib
-import csv
 import io
 import itertools
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from matplotlib.image import imread
 
 import jaxpound as jp
 from jaxpound.cli import main as cli
@@ -41,11 +38,6 @@ def unrendered():
         yield
 
 
-def is_figure(path: Path) -> bool:
-    height, width, _ = imread(path).shape
-    return (width, height) == ((2124, 2336) if path.stem == "overview" else (1062, 708))
-
-
 def layout_of(text: str, name: str = "row.toml"):
     """Buildings and their links as a configuration has them."""
     return File(name, text).read(Simulation).layout
@@ -60,15 +52,6 @@ def simulated(text: str, record: Path, folder: Path):
     ground = shaking(File("row.toml", text), given.ground, jp.read_record(record))
     buildings, links = given.layout.si.buildings, given.layout.si.links
     return screen, out, given.layout, jp.simulate_row(buildings, links, ground, duration=1.6)
-
-
-def summary(folder: Path) -> dict:
-    return json.loads((folder / "summary.json").read_text())
-
-
-def csv_rows(path: Path) -> list[dict[str, str]]:
-    with path.open() as file:
-        return list(csv.DictReader(file))
 
 
 def faults(lines: str) -> list[list[str]]:
@@ -117,27 +100,3 @@ def example_pair(friction_force: float, gap: float):
     """The example's buildings by the library: dimensionless, and their scales."""
     blocks = (jp.Building.from_period(*x, 0.05) for x in ((500e3, 0.9), (400e3, 0.6)))
     return jp.dimensionless(*blocks, friction_force=friction_force, gap=gap)
-
-
-def tables(page):
-    """Every table of a page, as rows of cells by the header's names."""
-    every = []
-    for table in re.findall(r"(?m)(?:^\| .*\n?)+", page):
-        lines = table.splitlines()
-        cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
-        header, rule, *body = cells
-        assert set(rule) == {"---"}
-        every.append([dict(zip(header, row, strict=True)) for row in body])
-    return every
-
-
-def page_of(folder: Path) -> str:
-    """The page of a folder; every figure that it shows is there."""
-    page = (folder / "summary.md").read_text()
-    for name in re.findall(r"\((\w+\.png)\)", page):
-        assert imread(folder / name).size
-    return page
-
-
-def number(cell):
-    return float(cell.replace(",", ""))

@@ -9,25 +9,20 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._tables import rounded
-from jaxpound.cli import design, design_report
-from jaxpound.cli.files import example
-from jaxpound.cli.main import describe_kept
-from jaxpound.cli.parameters import Parameters
-from jaxpound.cli.reading import File
-from jaxpound.cli.simulate import Simulation
+from jaxpound.cli import design, design_report, files, main, parameters, reading, simulate
 from jaxpound.design import search
 from jaxpound.design.search import Descent
 from jaxpound.results.named import in_words
-from tests.cli.commands import is_figure, number, page_of, run, summary, tables
+from tests.cli.commands import run
+from tests.cli.written import is_figure, number, page_of, summary, tables
 
-EXAMPLE = example("design").replace('# "rod_', '"rod_')
+EXAMPLE = files.example("design").replace('# "rod_', '"rod_')
 SMALL = "earthquakes = 12 & fresh = 16 & starts = 2 & iterations = 8 & duration = 6.0"
 SMALL += " & # dt -> dt = 0.02"
 
 
 def read(path, records=()):
-    """The configuration, and what the design is made of."""
-    file = File.opened(path, "design")
+    file = reading.File.opened(path, "design")
     given = file.read(design.DesignConfig)
     return given, design.prepared(file, given, records)
 
@@ -78,7 +73,7 @@ def test_a_stopped_design_goes_on_and_is_written(write, tmp_path, monkeypatch):
     args = argparse.Namespace(config=path, save=None, **options)
     with pytest.raises(StoppedError):
         design.run(args)
-    assert "the search is kept in" in describe_kept(args)
+    assert "the search is kept in" in main.describe_kept(args)
     (unfinished,) = out.iterdir()
     other = tmp_path / "other.toml"  # another configuration has a search of its own
     other.write_text(path.read_text() + "\n# edited\n")
@@ -103,7 +98,7 @@ def test_a_stopped_design_goes_on_and_is_written(write, tmp_path, monkeypatch):
     assert answers["iterations"] == 8
     force = answers["limits"]["damper_force"]
     assert force["reached"] <= 800e3 * 1.001
-    buildings = File.opened(out / "buildings.toml", "simulate").read(Simulation)
+    buildings = reading.File.opened(out / "buildings.toml", "simulate").read(simulate.Simulation)
     nominal = read(path)[1].space.nominal
     for name, row in answers["variables"].items():
         rod, _, field = name.rpartition(".")
@@ -182,7 +177,8 @@ def test_a_design_with_contact(write):
     shares[space.names.index("contact.stiffness")] = 0.0
     shares[space.names.index("initial_gap")] = 1.0
     found = SimpleNamespace(structures=space.structures(shares), space=space, active_bounds={})
-    _, gap, *_, row = design_report._answer(found, space.nominal, Parameters(given.layout))
+    named = parameters.Parameters(given.layout)
+    _, gap, *_, row = design_report._answer(found, space.nominal, named)
     assert (row["quantity"], row["unit"]) == ("contact stiffness", "N/m")
     assert (row["before"], row["after"]) == (pytest.approx(8e8), pytest.approx(4e8))
     assert (gap["quantity"], gap["unit"]) == ("gap at rest", "m")
@@ -199,7 +195,6 @@ IN_NOISE = """fresh = 0 & wavelets -> filter = "kanai-tajimi" ; frequency = 1.5 
 
 @pytest.mark.usefixtures("without_pictures")
 def test_a_limit_on_the_probability_of_pounding(write, tmp_path):
-    """In white noise through the soil."""
     small = SMALL.replace("dt = 0.02", "dt = 0.03")
     path, out = write(f"{small} & {IN_NOISE}"), tmp_path / "out"
     printed = run("design", path, "--out", out)

@@ -4,20 +4,14 @@ import re
 
 import pytest
 
+from jaxpound.cli import buildings, design, hazard, ida, montecarlo, rare, reading, simulate
 from jaxpound.cli import main as cli
-from jaxpound.cli.buildings import BuildingSection, LinkSection, StoreySection
-from jaxpound.cli.design import DesignConfig
 from jaxpound.cli.files import example
-from jaxpound.cli.hazard import Lifetime
-from jaxpound.cli.ida import IdaConfig
-from jaxpound.cli.montecarlo import StudyConfig
-from jaxpound.cli.rare import RareConfig
-from jaxpound.cli.reading import File, entries, is_table, of_array
-from jaxpound.cli.simulate import Simulation
 from jaxpound.results.named import LIMITED_OF_PAIR
 
-CONFIGURATIONS = {"simulate": Simulation, "montecarlo": StudyConfig, "design": DesignConfig}
-CONFIGURATIONS |= {"ida": IdaConfig, "rare": RareConfig, "hazard": Lifetime}
+CONFIGURATIONS = {"simulate": simulate.Simulation, "montecarlo": montecarlo.StudyConfig}
+CONFIGURATIONS |= {"design": design.DesignConfig, "ida": ida.IdaConfig}
+CONFIGURATIONS |= {"rare": rare.RareConfig, "hazard": hazard.Lifetime}
 FORMS = [(x, form) for x in CONFIGURATIONS for form in ("", "pair", "row")]
 
 
@@ -27,7 +21,7 @@ def test_the_example_is_printed_and_read(command, form, capsys):
         cli.main([command, "--example-config", *filter(None, [form])])
     text = capsys.readouterr().out
     assert text == example(command, form or "pair")
-    File("example", text).read(CONFIGURATIONS[command])
+    reading.File("example", text).read(CONFIGURATIONS[command])
 
 
 TABLES = {
@@ -44,9 +38,9 @@ ELSEWHERE["rare"] = {"records", "units", "factor", "weights", "intensity"}
 
 @pytest.mark.parametrize(("command", "tables"), TABLES.items())
 def test_the_example_names_every_key(command, tables):
-    text, kinds = example(command), entries(CONFIGURATIONS[command])
+    text, kinds = example(command), reading.entries(CONFIGURATIONS[command])
     if command in ("simulate", "hazard"):
-        assert {*kinds} - {x for x in kinds if of_array(kinds[x])} == {*tables.split()}
+        assert {*kinds} - {x for x in kinds if reading.of_array(kinds[x])} == {*tables.split()}
     if command == "simulate":  # of buildings that yield as for a row
         text += example("simulate", "row")
     if command == "montecarlo":  # as for a row, and noise as for rare events
@@ -54,14 +48,14 @@ def test_the_example_names_every_key(command, tables):
     if command == "design":
         assert all(price in text for price in LIMITED_OF_PAIR)
     for table in tables.split():
-        if command == "simulate" and is_table(kinds[table]):
+        if command == "simulate" and reading.is_table(kinds[table]):
             assert re.search(rf"(?m)^(# )?\[{table}\]$", text)
-        for key in {*(entries(kinds[table]) or [table])} - ELSEWHERE.get(command, set()):
+        for key in {*(reading.entries(kinds[table]) or [table])} - ELSEWHERE.get(command, set()):
             assert re.search(rf"(?m)^(# )?{key} = ", text), key
 
 
-@pytest.mark.parametrize("kind", [BuildingSection, StoreySection, LinkSection])
+@pytest.mark.parametrize("kind", ["BuildingSection", "StoreySection", "LinkSection"])
 def test_the_example_of_a_row_names_every_key(kind):
-    for key in entries(kind):
+    for key in reading.entries(getattr(buildings, kind)):
         words = key if key == "stiffness" else rf"(^|[{{,] ?|# ){key}( = |\s+#)"
         assert re.search(rf"(?m){words}", example("simulate", "row")), key

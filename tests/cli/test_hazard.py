@@ -9,18 +9,8 @@ from matplotlib.image import imread
 import jaxpound as jp
 from jaxpound.cli.files import example
 from jaxpound.quantities import STANDARD_GRAVITY
-from tests.cli.commands import (
-    changed,
-    csv_rows,
-    faults,
-    is_figure,
-    number,
-    refusal,
-    run,
-    summary,
-    tables,
-    unrendered,
-)
+from tests.cli.commands import changed, faults, refusal, run, unrendered
+from tests.cli.written import csv_rows, is_figure, number, summary, tables
 
 EXAMPLE = example("hazard")
 OPENQUAKE = """\
@@ -47,7 +37,6 @@ def of_study():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with a small study and a file of hazard."""
     made = tmp_path_factory.mktemp("hazard")
     changes = "samples = 400 & duration = 8.0 & # dt = 0.01 -> dt = 0.03"
     changes += " & intensity = {lognormal = [0.5, 0.6]} & spectral_acceleration = true"
@@ -63,7 +52,6 @@ CURVE = [[0.05, 3e-2], [0.1, 1e-2], [0.2, 3e-3], [0.4, 6e-4], [0.8, 8e-5], [1.6,
 
 @pytest.fixture(scope="module")
 def drawn(folder):
-    """The folder, with a study whose intensities the example's hazard has drawn."""
     changes = f"intensity = {{hazard = {CURVE}}} & spectral_acceleration = false"
     (folder / "drawn.toml").write_text(changed((folder / "study.toml").read_text(), changes))
     run("montecarlo", folder / "drawn.toml", "--store", folder / "drawn")
@@ -77,7 +65,6 @@ def of_drawn():
 
 
 def told(folder, text):
-    """The command's screen and its answers."""
     (folder / "hazard.toml").write_text(text)
     screen = run("hazard", folder / "hazard.toml", "--out", folder / "out")
     return screen, summary(folder / "out")

@@ -7,34 +7,20 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.cli import ida
-from jaxpound.cli.files import example
-from jaxpound.cli.main import describe_kept
-from jaxpound.cli.reading import File
+from jaxpound.cli import files, ida, main, reading
 from jaxpound.hazard.suite_runs import SuiteRuns
-from tests.cli.commands import (
-    changed,
-    csv_rows,
-    example_pair,
-    faults,
-    is_figure,
-    number,
-    refusal,
-    run,
-    summary,
-    tables,
-)
+from tests.cli.commands import changed, example_pair, faults, refusal, run
+from tests.cli.written import csv_rows, is_figure, number, summary, tables
 from tests.ground.test_suite import SUITE, at2
 from tests.reliability.test_subset import stopped
 
-EXAMPLE = example("ida")
+EXAMPLE = files.example("ida")
 SHORT = "gap = 0.02 & friction_force = 0 & intensities = [0.02, 0.1, 0.4] & duration = 6.0"
 SCALED = "code -> range = [0.2, 2.0] & factors = [0.1, 3.0]"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with three records in a folder of its own."""
     made = tmp_path_factory.mktemp("ida")
     (made / "records").mkdir()
     for record in SUITE:
@@ -44,7 +30,6 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def done(folder):
-    """The command's screen and its folder."""
     (folder / "ida.toml").write_text(changed(EXAMPLE, f"{SHORT} & {SCALED}"))
     return run("ida", folder / "ida.toml", "--out", folder / "out"), folder / "out"
 
@@ -63,8 +48,7 @@ def test_the_capacities_are_the_library_s_and_all_is_written(done, folder):
     for name, capacity in zip(found.names, found.capacities, strict=True):
         told = answers["capacities"][name]
         assert told is None if np.isinf(capacity) else told == pytest.approx(capacity, rel=1e-9)
-    curve = found.fragility()
-    assert answers["fragility"]["median"] == pytest.approx(curve.median)
+    assert answers["fragility"]["median"] == pytest.approx(found.fragility().median)
     assert answers["target"]["at_bound"] == list(scaled.at_bound) == ["fast"]
     np.testing.assert_allclose(answers["fractiles"]["0.5"], np.median(found.demands, axis=0))
     figures = {f"{name}.png" for name in ("ida", "fragility", "spectra")}
@@ -92,7 +76,7 @@ def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
     arguments = ["ida", folder / "ida.toml", "--out", out, "--store", store]
     stopped(monkeypatch, 1, lambda: run(*arguments), "demands", SuiteRuns)
     assert any(store.glob("chunk-*.npz"))
-    told = describe_kept(argparse.Namespace(command="ida", store=store, out=out))
+    told = main.describe_kept(argparse.Namespace(command="ida", store=store, out=out))
     assert told.startswith(f"finished runs are kept in {store}, and the same command")
     for _ in range(2):  # the second time from the files alone
         assert run(*arguments) == done[0].replace(str(done[1]), str(out))
@@ -104,14 +88,14 @@ def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
 def test_without_a_target_the_range_of_a_code_and_the_default_period(folder):
     head, tail = changed(EXAMPLE, SHORT).split("[target]", 1)
     text = re.sub(r"(?m)^period = 0.9 .*a natural.*$", "", head + tail[tail.index("[ida]") :])
-    file = File("ida.toml", text, folder)
+    file = reading.File("ida.toml", text, folder)
     given = file.read(ida.IdaConfig)
     suite, scaled = ida.records(file, given)
     assert (suite.names, scaled, given.ida.period) == (("fast", "medium", "slow"), None, None)
     assert ida.analysed(file, given, suite).measure == "Sa(0.9 s) (g)"
     for code in ("asce 7", "en 1998"):
         changes = f'code = "{code}" & factors = [0.01, 100]'
-        file = File("ida.toml", changed(EXAMPLE, changes), folder)
+        file = reading.File("ida.toml", changed(EXAMPLE, changes), folder)
         _, scaled = ida.records(file, file.read(ida.IdaConfig))
         assert scaled.range == pytest.approx((0.12, 1.8), rel=1e-3)
 

@@ -1,7 +1,4 @@
-"""Bearings, moat walls, tuned masses, links of two faces and dampers with a law in configurations.
-
-What they become, how they are written back, their parameters, mistakes, and what a run says.
-"""
+"""Bearings, moat walls, tuned masses, links of two faces and dampers by a law in configurations."""
 
 import dataclasses
 import math
@@ -19,7 +16,8 @@ from jaxpound.cli.design import ObjectiveTable, priced
 from jaxpound.cli.parameters import Parameters, by_path
 from jaxpound.model.parameters import get
 from jaxpound.model.row import by_face
-from tests.cli.commands import csv_rows, layout_of, simulated, summary
+from tests.cli.commands import layout_of, simulated
+from tests.cli.written import csv_rows, summary
 from tests.refusals import refusals, refused
 
 FRAME = jp.ShearBuilding.from_period(3, 3e5, 0.5, 0.03)
@@ -62,14 +60,8 @@ def one(building, links):
     return (building,), links
 
 
-def alone():
-    link = {"gap": 0.1, "friction": 1e4, "velocity_friction": FAST}
-    return (FRAME,), (jp.FloorLink(0, 0, next_building=jp.GROUND, side="left", **link),)
-
-
-WEAK, SMOOTH = (
-    FRAME.yielding(law, yield_force=2e6, hardening=0.1) for law in (jp.Bilinear, jp.BoucWen)
-)
+TWO_LAWS = jp.Bilinear, jp.BoucWen
+WEAK, SMOOTH = (FRAME.yielding(law, yield_force=2e6, hardening=0.1) for law in TWO_LAWS)
 YIELDS = "yield_force = 2e6\nhardening = 0.1\n"
 LEAD_WALL = f"{LEAD}, ultimate_displacement = 0.6, wall = {{gap = 0.3}}}}\n"
 
@@ -83,12 +75,17 @@ def tuned_inerter(**options):
     return (on_bearings,), (above,)
 
 
-def with_inerter():
-    between = {"gap": 0.1, "inerter": jp.Inerter(2e5)}
-    return (FRAME, FRAME), (jp.FloorLink(0, 1, **between),)
-
-
-POLYMER = jp.Rod(jp.ZenerRod(0.6, 0.01, 0.3), 4e6)
+ROD = jp.Rod(jp.ZenerRod(0.6, 0.01, 0.3), 4e6)
+BRACE = jp.FloorLink(0, 1, next_building=0, damper=ROD)
+POLYMER = "damper = {law = 'zener', order = 0.6, tau_f = 0.01, tau_x = 0.3, stiffness = 4e6}"
+INERTER = (FRAME, FRAME), (jp.FloorLink(0, 1, gap=0.1, inerter=jp.Inerter(2e5)),)
+FACE = {"side": "left", "gap": 0.1, "friction": 1e4, "velocity_friction": FAST}
+FACE = jp.FloorLink(0, 0, next_building=jp.GROUND, **FACE)
+OF_FACE = f"side = 'left'\ngap = 0.1\nfriction_force = 1e4\n{FASTER}"
+SECOND_FLOOR = "[[link]]\nbuilding = 1\nfloor = 2\n"
+GROUND = f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\n"
+HIGH = LEAD_WALL.replace("0.3", "2").replace("wall", "height = 1.5, wall")
+NUMBERED = (FRAME, lead_rubber(height=1.5)[0]), lead_rubber(gap=2.0, number=1)[1]
 TUNED_INERTER = "tuned_mass = {inertance_ratio = 0.05, damping_ratio = 0.1"
 TUNED = "tuned_mass = {mass_ratio = 0.05, damping_ratio = 0.1}"
 FORMS = {
@@ -96,31 +93,16 @@ FORMS = {
     "lead rubber": (STOREYS + LEAD_WALL, one(*lead_rubber())),
     "two laws": (f"{STOREYS}{YIELDS}law = 'bouc-wen'\n{LEAD_WALL}", one(*lead_rubber(SMOOTH))),
     "elastic base": (f"{STOREYS}{YIELDS}{PENDULUMS}, {RATE}}}", one(*isolated(frame=WEAK))),
-    "number and height": (
-        f"{STOREYS}{STOREYS}{LEAD_WALL.replace('0.3', '2').replace('wall', 'height = 1.5, wall')}",
-        ((FRAME, lead_rubber(height=1.5)[0]), lead_rubber(gap=2.0, number=1)[1]),
-    ),
+    "number and height": (STOREYS + STOREYS + HIGH, NUMBERED),
     "tuned mass": (STOREYS + TUNED, one(jp.tuned_mass_damper(FRAME, 0.05, damping_ratio=0.1), ())),
-    "viscoelastic": (
-        f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 2\nnext_building = 1\n"
-        "damper = {law = 'zener', order = 0.6, tau_f = 0.01, tau_x = 0.3, stiffness = 4e6}",
-        one(FRAME, (jp.FloorLink(0, 1, next_building=0, damper=POLYMER),)),
-    ),
-    "inerter": (
-        f"{STOREYS}{STOREYS}[[link]]\nbuilding = 1\nfloor = 2\ngap = 0.1\n"
-        "inerter = {inertance = 2e5}",
-        with_inerter(),
-    ),
+    "viscoelastic": (f"{STOREYS}{SECOND_FLOOR}next_building = 1\n{POLYMER}", one(FRAME, (BRACE,))),
+    "inerter": (f"{STOREYS * 2}{SECOND_FLOOR}gap = 0.1\ninerter = {{inertance = 2e5}}", INERTER),
     "tuned inerter": (f"{STOREYS}{TUNED_INERTER}}}\n{LEAD}}}", tuned_inerter()),
     "tuned inerter above a floor": (
         f"{STOREYS}{TUNED_INERTER}, floor = 1, mass_ratio = 0.02}}\n{LEAD}}}",
         tuned_inerter(floor=0, mass_ratio=0.02),
     ),
-    "left face": (
-        f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\nside = 'left'\n"
-        f"gap = 0.1\nfriction_force = 1e4\n{FASTER}",
-        alone(),
-    ),
+    "left face": (GROUND + OF_FACE, one(FRAME, (FACE,))),
 }
 
 
@@ -164,9 +146,6 @@ def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
     assert {re.sub(r"\d", "*", key) for key in told} <= general
 
 
-# --- parameters ---------------------------------------------------------------------------------
-
-
 PLACE, WALL = "damper's force, 1–2, floors 3–2, right", "1–ground, floor 1, left"
 SPEED, RESTITUTION = "links.0.velocity_friction.velocity", "links.3.contact.restitution"
 
@@ -208,10 +187,7 @@ test_keys = refusals(
 )
 
 
-# --- mistakes -----------------------------------------------------------------------------------
-
 RUN = "[run]\nfriction = 'switching'"
-GROUND = f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\n"
 PAIR = "gap = 0.1\n[building_1]\nmass = 4e5\nperiod = 1\ndamping_ratio = 0.05\n[building_1."
 POWER = "damper = {law = 'power', force = 1, stiffness = 1e6"
 TWO = r"must be a number, or two, \[left, right\], of which one may be inf"
@@ -233,7 +209,7 @@ test_links = refusals(
     ("velocity_friction = {increase = 1}", "velocity_friction lacks the key 'velocity'"),
     (
         f"gap = 0.1\nside = 'left'\n{SECOND.replace('2', '1')}",
-        r"2: friction = 10000.0 must be that of the link before it, whose other face this is",
+        "2: friction = 10000.0 must be that of",
     ),
     of=lambda keys: layout_of(GROUND + keys),
     before=r"row.toml: \[\[link\]\] 1? ?",
@@ -277,8 +253,6 @@ test_forms = refusals(
 )
 
 
-# --- a run --------------------------------------------------------------------------------------
-
 SHORT = f"""[[building]]
 storeys = {{number = 1, mass = 3e5, period = 0.3, damping_ratio = 0.03}}
 {PENDULUMS}, friction = 0.03, wall = {{gap = [0.06, 0.08], {CONTACT}}}}}
@@ -291,7 +265,6 @@ duration = 1.6
 
 
 def test_a_run_says_and_draws_what_bearings_walls_and_dampers_do(pulse, tmp_path):
-    """A building on friction pendulums between walls, with a brace."""
     screen, out, _, response = simulated(SHORT, pulse, tmp_path)
     demand = response.demand
     results = summary(out)["results"]

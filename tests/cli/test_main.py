@@ -57,9 +57,6 @@ def test_an_output_folder_that_cannot_be_made(command, below, pulse, tmp_path, c
     assert (tmp_path / "file").read_text() == "mine"
 
 
-# --- help ---------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "command", ["", "paper", "simulate", "montecarlo", "report", "design", "ida", "rare", "hazard"]
 )
@@ -101,8 +98,6 @@ def test_the_command_line_uses_every_core():
     done = python("-c", program)
     assert done.returncode == 0, done.stderr
 
-
-# --- the end ------------------------------------------------------------------------------------
 
 # A process that Ctrl-C reaches even where whoever runs the tests ignores it.
 PROGRAM = (

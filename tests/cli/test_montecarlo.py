@@ -9,22 +9,12 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._tables import rounded
-from jaxpound.cli import montecarlo
-from jaxpound.cli.files import example
-from jaxpound.cli.reading import File
+from jaxpound.cli import files, montecarlo, reading
 from jaxpound.results.named import in_words
-from tests.cli.commands import (
-    changed,
-    is_figure,
-    page_of,
-    refusal,
-    run,
-    summary,
-    tables,
-    unrendered,
-)
+from tests.cli.commands import changed, refusal, run, unrendered
+from tests.cli.written import is_figure, page_of, summary, tables
 
-EXAMPLE = example("montecarlo")
+EXAMPLE = files.example("montecarlo")
 TABLE = r"config.toml: \[earthquakes\]"
 SMALL = "duration = 3.0 & samples = 40 & wavelets = 2 & arrivals = {uniform = [0.5, 2.5]}"
 
@@ -36,8 +26,7 @@ def of_records(table, rest="\n[uncertain]"):
 
 
 def read(path):
-    """The configuration, its scenarios and its grid."""
-    file = File.opened(path, "montecarlo")
+    file = reading.File.opened(path, "montecarlo")
     given = file.read(montecarlo.StudyConfig)
     return given, *montecarlo.prepared(file, given)
 
@@ -62,7 +51,6 @@ def test_the_example_is_the_pair_in_si_and_rods_need_no_quotation_marks(write):
 
 
 def shake(path, size, n):
-    """A file of so many samples, of which the largest is ``size``."""
     values = size * np.sin(0.05 * np.arange(n))
     np.savetxt(path, np.column_stack([0.02 * np.arange(n), values]), delimiter=",")
 

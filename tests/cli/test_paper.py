@@ -8,7 +8,8 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.cli import paper
-from tests.cli.commands import is_figure, run
+from tests.cli.commands import run
+from tests.cli.written import is_figure
 from tests.reference import load
 
 CASE = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()

@@ -10,24 +10,14 @@ import pytest
 from matplotlib.image import imread
 
 import jaxpound as jp
+from jaxpound.cli import files, rare, reading
 from jaxpound.cli import main as cli
-from jaxpound.cli import rare
-from jaxpound.cli.files import example
-from jaxpound.cli.reading import File
 from jaxpound.simulation.rollout import POSITIONS, observed_at
-from tests.cli.commands import (
-    changed,
-    csv_rows,
-    example_pair,
-    number,
-    refusal,
-    run,
-    summary,
-    tables,
-)
+from tests.cli.commands import changed, example_pair, refusal, run
+from tests.cli.written import csv_rows, number, summary, tables
 from tests.reliability.test_subset import stopped
 
-EXAMPLE, ROW = example("rare"), example("rare", "row")
+EXAMPLE, ROW = files.example("rare"), files.example("rare", "row")
 SHORT = """frequency = 1.0 & duration = 6.0 & # gap = -> gap = 0.09 & thresholds = [0.07, 0.09]
     & cov = 0.2 & # dt = 0.01 -> dt = 0.03"""
 SUBSET = f'{SHORT} & method = "subset" & gap = 0.09 -> gap = 0.07 & thresholds -> nothing'
@@ -37,7 +27,6 @@ DESIGN = '\n[design]\nparameter = "friction"\nprobability = 0.01\ntolerance = 0.
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """The command's screen, its configuration and its folders."""
     folder = tmp_path_factory.mktemp("rare")
     path = folder / "rare.toml"
     path.write_text(changed(EXAMPLE, SHORT) + DESIGN)
@@ -107,8 +96,7 @@ def test_a_stopped_search_goes_on(done, monkeypatch):
 
 
 def posed(text):
-    """What is searched for: the file, its configuration and its limit state."""
-    file = File("rare.toml", text)
+    file = reading.File("rare.toml", text)
     given = file.read(rare.RareConfig)
     return file, given, rare.limit_state(file, given)
 

@@ -19,7 +19,6 @@ from tests.cli.commands import changed, command_for, refusal
 
 NO_TABLE = re.sub(r"(?s)\[run\].*?\[output\]", "[output]", "run = 3\n" + example("simulate"))
 
-
 DEEP = b"# as it is\n" + b"a." * 2000 + b"b = 1\n"  # would take memory as its length's square
 COMMANDS = "simulate", "montecarlo", "design", "ida", "rare", "hazard"
 
@@ -65,7 +64,6 @@ def test_what_is_implausible_is_refused_if_strict(command, changes, says, pulse,
 
 
 MANY = "a." * 20 + "a = 1"
-
 
 LONG = [
     f"[{'a.' * 20}a]",

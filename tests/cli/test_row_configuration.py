@@ -18,9 +18,6 @@ storeys = {number = 2, mass = 2e5, period = 0.2, damping_ratio = 0.05, height = 
 """
 
 
-# --- what a file becomes ------------------------------------------------------------------------
-
-
 def test_the_example_is_the_library_s_row():
     layout = layout_of(EXAMPLE)
     masses, stiffnesses = [250e3, 250e3, 200e3], [150e6, 130e6, 100e6]
@@ -83,8 +80,6 @@ def test_links_and_buildings_of_other_kinds():
 def ends(links):
     return [(one.building, one.floor, one.other_building, one.other_floor) for one in links]
 
-
-# --- what is wrong ------------------------------------------------------------------------------
 
 LISTED = """[[building]]
 [building.storeys]

@@ -9,14 +9,12 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._tables import rounded
+from jaxpound.cli import buildings, reading, simulate
 from jaxpound.cli import main as cli
-from jaxpound.cli import simulate
-from jaxpound.cli.buildings import as_toml
 from jaxpound.cli.files import example
-from jaxpound.cli.reading import File
 from jaxpound.cli.results import lines, of_simulation
-from jaxpound.cli.simulate import Simulation
-from tests.cli.commands import PULSE, example_pair, is_figure, refusal, run, summary
+from tests.cli.commands import PULSE, example_pair, refusal, run
+from tests.cli.written import is_figure, summary
 
 FIGURES = {"overview", "ground_motion", "displacements", "gap", "rod_hysteresis", "energy"}
 FIGURES_OF_DAMPER = {"friction_force", "friction_hysteresis"}
@@ -39,8 +37,7 @@ def test_el_centro_summary_and_screen_have_the_api_s_numbers(
     record = {"pga_g": 0.2807955, "duration_s": 53.71, "dt_s": 0.01}
     assert answers["record"].pop("file") == str(el_centro)
     assert answers["record"] == pytest.approx(record)
-    assert answers["run"]["dt_s"] == pytest.approx(0.01)
-    assert answers["run"]["steps"] == 5371
+    assert (answers["run"]["dt_s"], answers["run"]["steps"]) == (pytest.approx(0.01), 5371)
     assert answers["configuration"] == tomllib.loads(example("simulate"))
 
     demand, energy = el_centro_response.demand, el_centro_response.energy
@@ -131,8 +128,7 @@ def test_without_damper_and_with_a_small_gap_the_buildings_pound(pulse, write, t
     table = columns_of(out / "series.csv")
     assert list(table)[:3] == ["time_s", "ground_acceleration_m_per_s2", "x1_m"]
     closed = np.flatnonzero(table["gap_m"] <= 0)[0]
-    contact = results["first_contact_s"]
-    assert table["time_s"][closed - 1] < contact <= table["time_s"][closed]
+    assert table["time_s"][closed - 1] < results["first_contact_s"] <= table["time_s"][closed]
     assert results["min_gap_m"] == pytest.approx(table["gap_m"].min(), abs=1e-3)
     gap = 0.03 + table["x2_m"] - table["x1_m"]
     np.testing.assert_allclose(table["gap_m"], gap, rtol=0, atol=1e-9)
@@ -191,8 +187,7 @@ def test_units_and_dt_of_a_bare_record(write, tmp_path, capsys):
     run("simulate", *bare, "--units", "gal", "--config", write('series = "none"'))
     answers = summary(out)
     assert answers["record"]["pga_g"] == pytest.approx(np.abs(PULSE).max(), rel=1e-6)
-    assert answers["run"]["steps"] == 200
-    assert answers["run"]["dt_s"] == pytest.approx(0.01)
+    assert (answers["run"]["dt_s"], answers["run"]["steps"]) == (pytest.approx(0.01), 200)
     assert not list(out.glob("series.*"))
     file, configuration = read(write("duration = 0.5 & dt = 0.02"))
     grid = simulate.grid(file, configuration, jp.Record(PULSE, 0.02))
@@ -200,12 +195,9 @@ def test_units_and_dt_of_a_bare_record(write, tmp_path, capsys):
     assert grid.dt * float(configuration.scales.time) == pytest.approx(0.02)
 
 
-# --- configuration ------------------------------------------------------------------------------
-
-
-def read(path: Path) -> tuple[File, Simulation]:
-    file = File.opened(path, "simulate")
-    return file, file.read(Simulation)
+def read(path: Path) -> tuple[reading.File, simulate.Simulation]:
+    file = reading.File.opened(path, "simulate")
+    return file, file.read(simulate.Simulation)
 
 
 def with_second_building(keys: str) -> str:
@@ -215,8 +207,7 @@ def with_second_building(keys: str) -> str:
 
 def test_rods_and_the_scheme_are_read_and_rods_may_rule_the_time_step(write):
     rod = "mass = 4e5\nstiffness = 38e6\norder = 1\ntau_f = 0.003\ntau_x = 0.05"
-    text = with_second_building(rod)
-    building = read(write(text=text))[1].building_2.shear().storeys[0]
+    building = read(write(text=with_second_building(rod)))[1].building_2.shear().storeys[0]
     given = jp.Building(4e5, 38e6, 1.0, 0.003, 0.05)
     assert building == given or vars(building) == vars(given)
     # A rod that is far stiffer when fast than when slow: the limit rules, not the period.
@@ -246,7 +237,7 @@ def test_laws_of_contact_are_read_in_si_and_written_back(keys, law, write):
     stiff = "stiffness = 3e9 ; restitution = 0.6"
     _, given = read(write(f"[contact] ; {keys.replace('STIFF', stiff)}"))
     assert vars(given.contact.model()) == vars(law)
-    again = read(write(text=as_toml(given.layout.si)))[1]
+    again = read(write(text=buildings.as_toml(given.layout.si)))[1]
     for configuration in (given, again):
         back = configuration.scales.contact_to_si(configuration.structures.contact)
         assert type(back) is type(law)
@@ -263,9 +254,6 @@ def test_ground(write):
         file, configuration = read(write(changes))
         record = simulate.shaking(file, configuration.ground, jp.Record(PULSE, 0.02))
         np.testing.assert_allclose(record.samples, expected, atol=1e-15)
-
-
-# --- refusals -----------------------------------------------------------------------------------
 
 
 def test_a_truncated_record(el_centro, tmp_path, capsys):
@@ -324,8 +312,7 @@ def test_a_full_disk_names_the_file_and_leaves_no_part_of_it(
         assert cli.main(["simulate", *map(str, arguments)]) == 2
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    error = capsys.readouterr().err
-    assert error == f"jaxpound: error: {out / name}: File too large\n"
+    assert capsys.readouterr().err == f"jaxpound: error: {out / name}: File too large\n"
     left = [] if name == "summary.json" else ["summary.json"]
     assert [path.name for path in out.glob("*")] == left
     assert out.exists() == bool(left)  # no empty folder

@@ -7,11 +7,10 @@ import pytest
 from matplotlib.image import imread
 
 import jaxpound as jp
-from jaxpound.cli import simulate, structures
-from jaxpound.cli.files import example
-from jaxpound.cli.reading import File
+from jaxpound.cli import files, reading, simulate, structures
 from jaxpound.cli.results import lines
-from tests.cli.commands import changed, csv_rows, simulated, summary
+from tests.cli.commands import changed, simulated
+from tests.cli.written import csv_rows, summary
 
 
 def short() -> str:
@@ -21,7 +20,7 @@ def short() -> str:
     """
     changes = "duration = 1.6 & scale = 2.5 & floors = -> floor = 2"
     changes += " & masses = [250e3, 200e3] & stiffnesses = [150e6, 100e6]"
-    head, tail = changed(example("simulate", "row"), changes).rsplit("\ncontact = ", 1)
+    head, tail = changed(files.example("simulate", "row"), changes).rsplit("\ncontact = ", 1)
     return head + "\n" + tail.split("\n", 1)[1]
 
 
@@ -62,8 +61,7 @@ def test_the_summary_has_the_api_s_numbers_and_impacts_by_link(of_example):
     assert contact["peak_contact_N"] == float(response.demand.links[0].peak_contact)
     assert touched[0] == impacts[0].time
     # The second link has a gap but no law: its floors overlap, and by more.
-    gap = response.links[1].gap
-    assert gap[np.searchsorted(response.time, touched[1])] <= 0
+    assert response.links[1].gap[np.searchsorted(response.time, touched[1])] <= 0
     assert f"POUNDS: overlap {told['overlap_m']:.4g} m" in screen
     row = next(line for line in screen.splitlines() if line.startswith("1–2, floor 2")).split()
     assert row[-4] == str(int(told["links"][0]["contact"]["n_impacts"]))
@@ -115,7 +113,7 @@ def test_every_figure_is_drawn_and_what_a_row_lacks_is_not_told(of_example):
 
 
 def test_a_note_says_what_is_compiled_where_that_takes_long(capsys, monkeypatch):
-    row = File.opened(None, "simulate").read(simulate.Simulation).structures
+    row = reading.File.opened(None, "simulate").read(simulate.Simulation).structures
     with structures.compile_notice(row):
         pass
     monkeypatch.setattr(structures, "AFTER", 0.01)

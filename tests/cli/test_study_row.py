@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.cli import design, montecarlo
-from jaxpound.cli.files import example
+from jaxpound.cli import design, files, montecarlo, report
 from jaxpound.cli.reading import File
-from jaxpound.cli.report import fragilities_of_links
 from jaxpound.model.places import link_places
-from tests.cli.commands import changed, layout_of, number, run, summary, tables
+from tests.cli.commands import changed, layout_of, run
+from tests.cli.written import number, summary, tables
 
-STUDY, DESIGN = (example(command, "row") for command in ("montecarlo", "design"))
+STUDY, DESIGN = (files.example(command, "row") for command in ("montecarlo", "design"))
 SHORT = """duration = 3.0 ; dt = 0.01 & wavelets = 2 & arrivals = {uniform = [0.5, 2.5]}
     & amplitude = {uniform = [0.01, 0.03]}"""
 
@@ -48,8 +47,7 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     study, answers = jp.Study.open(store), summary(out)
     assert [one["link"] for one in answers["links"]] == [1, 2]  # the brace has no gap
     for k, one in enumerate(answers["links"]):
-        expected = study.pounding_probability(link=k)
-        assert one["pounding_probability"]["value"] == expected.value
+        assert one["pounding_probability"]["value"] == study.pounding_probability(link=k).value
         for p, gap in one["required_gap"].items():
             assert gap["value"] == study.required_gap(float(p), link=k).value
     assert 0 < answers["links"][1]["pounding_probability"]["value"] < 1
@@ -65,7 +63,7 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     fitted = [one["fragility_by_pga"] for one in answers["links"]]
     assert any(fitted)
     assert ("No fragility curve fits a link" in page) == (None in fitted)
-    drawn = fragilities_of_links(study)
+    drawn = report.fragilities_of_links(study)
     assert drawn.keys() - {"any link"} == {places[k] for k in (0, 1) if fitted[k]}
     assert drawn["any link"].median == answers["fragility"]["pga"]["median"]
     assert answers["fragility"]["spectral_acceleration_1"]["unit"] == "m/s²"

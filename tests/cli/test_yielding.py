@@ -8,13 +8,10 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._fields import pytree_dataclass
-from jaxpound.cli.buildings import as_toml
-from jaxpound.cli.montecarlo import StudyConfig, prepared
-from jaxpound.cli.parameters import Parameters
-from jaxpound.cli.reading import File
-from jaxpound.cli.yielding import keys_of
+from jaxpound.cli import buildings, montecarlo, parameters, reading, yielding
 from jaxpound.model.parameters import get
-from tests.cli.commands import command_for, csv_rows, layout_of, run, simulated, summary
+from tests.cli.commands import command_for, layout_of, run, simulated
+from tests.cli.written import csv_rows, summary
 from tests.ground.test_suite import SUITE, at2
 from tests.refusals import refusals
 
@@ -64,8 +61,8 @@ def test_the_keys_are_the_library_s_and_are_written_back(numbers, more, building
     keys = "".join(f"{key} = {value}\n" for key, value in numbers.items())
     layout = layout_of(STOREYS + keys + more)
     assert repr(layout.buildings) == repr((building,))
-    close(layout_of(as_toml(layout.si)).si, layout.si)
-    close(Parameters(layout).buildings(layout.structures), layout.si, rtol=1e-12)
+    close(layout_of(buildings.as_toml(layout.si)).si, layout.si)
+    close(parameters.Parameters(layout).buildings(layout.structures), layout.si, rtol=1e-12)
 
 
 def test_a_pair_of_which_one_yields_is_a_row_whose_strengths_and_rods_may_be_random():
@@ -75,10 +72,10 @@ def test_a_pair_of_which_one_yields_is_a_row_whose_strengths_and_rods_may_be_ran
     weak = jp.ShearBuilding((left,), 4.0).yielding(yield_drift=0.004, **numbers).with_p_delta()
     assert repr(layout.buildings) == repr((weak, jp.ShearBuilding((right,))))
     pair = jp.Buildings((weak.storeys[0], right), layout.si.links)
-    close(layout_of(as_toml(pair)).buildings[0].storeys, weak.storeys)
+    close(layout_of(buildings.as_toml(pair)).buildings[0].storeys, weak.storeys)
     table = f'[uncertain]\n{STRENGTH} = {{lognormal = [2.0, 0.3]}}\n"building.*.storey.*.tau_x" = '
-    file = File("row.toml", f"{PAIR}{NOISE}{table}{{lognormal = [2.0, 0.01]}}")
-    structures = prepared(file, file.read(StudyConfig))[0].structures
+    file = reading.File("row.toml", f"{PAIR}{NOISE}{table}{{lognormal = [2.0, 0.01]}}")
+    structures = montecarlo.prepared(file, file.read(montecarlo.StudyConfig))[0].structures
     rods = [f"buildings.{b}.rods.0.material" for b in (0, 1)]
     strength = f"{rods[0]}.hysteresis.yield_displacement"
     assert {*structures.uncertain} == {strength, f"{rods[0]}.zener.tau_x", f"{rods[1]}.tau_x"}
@@ -108,7 +105,8 @@ class OwnLaw(jp.Bilinear):
 
 
 OWN = FRAME.yielding(OwnLaw, yield_force=1e6).storeys
-test_laws_of_no_file = refusals((keys_of, OWN, "hysteresis must be by a law of a file, bilinear"))
+OF_FILES = "hysteresis must be by a law of a file, bilinear"
+test_laws_of_no_file = refusals((yielding.keys_of, OWN, OF_FILES))
 
 
 def test_simulate_says_what_the_library_does(pulse, tmp_path):
@@ -125,7 +123,6 @@ def test_simulate_says_what_the_library_does(pulse, tmp_path):
 
 
 def folder_of_run(folder, command, text):
-    """The folder of a command with this configuration."""
     path = folder / "config.toml"
     path.write_text(text)
     run(*command_for(command, path, "", folder / command))

@@ -6,7 +6,6 @@ from jaxpound.cli.parameters import Parameters
 
 
 def parameters_of_pair(structures, scales):
-    """The parameters of a configuration of a dimensionless pair."""
     left, right, friction_force, gap = scales.buildings(structures)
     law = scales.contact_to_si(structures.contact)
     link = jp.FloorLink(0, 0, friction=friction_force, gap=gap, contact=law)

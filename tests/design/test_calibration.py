@@ -84,7 +84,6 @@ TRACELESS = jp.DesignSpace(TRUTH, {"friction": (0.1, 1.0), "initial_gap": (0.5, 
 COARSE = {"grid": jp.TimeGrid(0.5, 30), "measured": {"x1": np.zeros(31)}, "strict": True}
 HIDDEN = {"space": TRACELESS, "measured": {"x1": measured(0)["x1"]}, "starts": 1}
 STANDARD = {"space": SPACE, "measured": measured(0), "ground": GROUND, "grid": GRID}
-
 test_bad_calibrations_are_named = refusals(
     ({"measured": {}}, "must hold a series"),
     ({"measured": {"x3": RUN.x1}}, r"measured\['x3'\] must be one of x1, x2"),

@@ -18,10 +18,8 @@ import jaxpound as jp
 from jaxpound.cli import design as command
 from jaxpound.cli.design_report import parts_of_page
 from jaxpound.design import search as design_search
-from jaxpound.design.design import Comparison
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.problem import DesignProblem
-from jaxpound.design.search import SearchOptions
 from jaxpound.results.named import LIMITED_OF_PAIR, kind_of
 from tests.design.layouts import parameters_of_pair
 from tests.made import OF_CONTACT
@@ -128,7 +126,7 @@ def test_a_damper_that_practically_never_slips_is_named():
     topology = jp.paper.structures().system().topology
     for slid, hardly_slipping in ((1.8, ("damper",)), (2.2, ())):
         after = columns | {"slip_distance": np.array([0.0, slid])}
-        compared = Comparison(after, after, jp.Objective(), False, topology)
+        compared = jp.Comparison(after, after, jp.Objective(), False, topology)
         assert compared.hardly_slipping == hardly_slipping
 
 
@@ -184,7 +182,7 @@ def test_single_precision_searches_too(stand_in):
 
 def test_options_are_by_default_those_of_design_damper():
     signature = inspect.signature(jp.design_damper).parameters
-    for field in dataclasses.fields(SearchOptions):
+    for field in dataclasses.fields(design_search.SearchOptions):
         assert signature[field.name].default == field.default, field.name
 
 
@@ -243,10 +241,8 @@ def test_a_search_goes_on_where_it_was_stopped(stand_in, tmp_path):
         np.testing.assert_array_equal(one, other)
     assert rest.values == whole.values
     # A finished one is only read.
-    again = search(iterations=60, save=path, callback=lambda told: 1 / 0)
-    assert again.values == whole.values
-    says = "holds another search: objective, program differs"
-    refused(says, search, WORST, iterations=60, save=path)
+    assert search(iterations=60, save=path, callback=lambda told: 1 / 0).values == whole.values
+    refused("holds another search: objective, program dif", search, WORST, iterations=60, save=path)
     path.write_text("nothing")
     refused("holds no search", search, iterations=60, save=path)
 
@@ -348,7 +344,6 @@ def test_a_comparison_is_paired_and_of_one_earthquake_has_no_interval(stand_in):
     expected = bowl(found.values["friction"], found.values["mass_ratio"], 0.1)
     assert other.after["min_gap"][0] == pytest.approx(expected)
     refused("'gap' must be one of min_gap", compared.difference, "gap")
-    # In a summary it is null.
     found = search(iterations=3, fresh=ALONE)
     for estimate in (found.fresh.difference(), *found.fresh.objective.values()):
         assert np.isfinite(estimate.value)
@@ -392,7 +387,6 @@ def test_no_best_is_shown_until_there_is_one(monkeypatch, capsys):
 AT_RANDOM = {"optimiser": optax.add_noise(0.1, 0.5, jax.random.key(0)), "save": "x.npz"}
 NARROW = jp.DesignSpace(PAPER, {"friction": (0.2, 1.0), "mass_ratio": (0.5, 2.5)})
 LOW = jp.Objective(limits={"damper_force": 0.1})
-
 test_bad_arguments_are_named = refusals(
     ({"start": {"friction": 2.0, "mass_ratio": 1.0}}, "start: .*friction = 2 must be between"),
     ({"start": dataclasses.replace(PAPER, mass_ratio=3.0)}, "mass_ratio = 3 must be between"),
@@ -435,8 +429,7 @@ def test_what_is_uncertain_cannot_be_chosen():
 
 def test_landscapes_ask_for_two_variables(stand_in):
     found = bowl_design()
-    words = "x = 'mu' must be one of mass_ratio, friction"
-    refused(words, found.landscape, "mu", "friction")
+    refused("x = 'mu' must be one of mass_ratio, friction", found.landscape, "mu", "friction")
     refused("must be two variables", found.landscape, "friction", "friction")
     seen = found.landscape("mass_ratio", "friction", 5)
     friction, ratio = np.asarray(seen.y_values), np.asarray(seen.x_values)

@@ -33,8 +33,7 @@ def test_elasticities_are_relative_derivatives():
         expected = (np.log(up) - np.log(down)) / 2e-4
         assert found.values[path] == pytest.approx(expected, rel=1e-3, abs=1e-5)
     assert found.values["initial_gap"] == 0
-    lines = repr(found).splitlines()
-    sizes = [abs(float(line.split()[-1])) for line in lines[1:]]
+    sizes = [abs(float(line.split()[-1])) for line in repr(found).splitlines()[1:]]
     assert sizes == sorted(sizes, reverse=True)
     assert assert_shown(found)[0].startswith(f"peak_x1 = {found.value:.6g} g/ω1²; percent of it")
 

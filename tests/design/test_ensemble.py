@@ -24,15 +24,10 @@ def accelerations(ensemble):
     return np.stack([ensemble.ground(i).acceleration(T) for i in range(len(ensemble))])
 
 
-GIVEN = {
-    "one wave": [Ricker(0.2, 2.0, 1.0), WAVES[1]],
-    "one and a record": [Ricker(0.2, 2.0, 1.0), RECORDS[0]],
-    "waves": WAVES,
-    "records": RECORDS,
-    "both": [*WAVES, *RECORDS],
-    "mixed": [RECORDS[0], WAVES[1]],
-    "sampled": [2.0 * WAVES[0], RECORDS[1]],
-}
+SINGLE = Ricker(0.2, 2.0, 1.0)
+GIVEN = {"waves": WAVES, "records": RECORDS, "both": [*WAVES, *RECORDS]}
+GIVEN |= {"one wave": [SINGLE, WAVES[1]], "one and a record": [SINGLE, RECORDS[0]]}
+GIVEN |= {"mixed": [RECORDS[0], WAVES[1]], "sampled": [2.0 * WAVES[0], RECORDS[1]]}
 
 
 @pytest.mark.parametrize("grounds", GIVEN.values(), ids=GIVEN)
@@ -68,8 +63,7 @@ def test_drawn_earthquakes_are_monte_carlo_s():
     np.testing.assert_allclose(ensemble.uncertain["friction"], structures.friction[:8])
     assert list(ensemble.uncertain) == ["friction"]
     assert list(Ensemble.drawn(RANDOM, 1).uncertain) == ["friction"]
-    fresh = ensemble.fresh(4)
-    np.testing.assert_allclose(fresh.grounds.periods, grounds.periods[8:])
+    np.testing.assert_allclose(ensemble.fresh(4).grounds.periods, grounds.periods[8:])
     assert "8 earthquakes, with uncertain friction" in repr(ensemble)
 
 

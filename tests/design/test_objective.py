@@ -88,8 +88,7 @@ def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
     for over in ("mean", "worst", 0.1):
         objective = Objective(LeastDemand("peak_drift", over))
         expected = float(gathered(demands["peak_drift"], over))
-        assert float(objective.value(demands)) == -expected
-        assert objective.size(demands) == expected
+        assert -float(objective.value(demands)) == objective.size(demands) == expected
     assert (objective.demand, objective.quantity) == ("peak_drift", "length")
     assert not objective.needs_gap
     assert Objective(LeastDemand("peak_acceleration_2")).quantity == "acceleration"
@@ -99,7 +98,6 @@ def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
 
 NEGATIVE = "total_damper_force = -1 must be positive and fin"
 MEANT = r"unknown demand 'total_damper'.* mean 'total_damper_f"
-
 test_bad_objectives_are_named = refusals(
     (lambda: jp.SoftMinimum(0.0), "temperature = 0 must be positive"),
     (lambda: jp.CVaR(1.0), "share = 1 must be between 0 and 1"),

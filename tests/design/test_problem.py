@@ -73,17 +73,14 @@ def test_without_a_gap_a_goal_of_gaps_is_refused(system, variables):
         refused(f"^design_damper: objective: {named}", problem, system, variables, goal=goal)
     posed = problem(system, variables, goal=jp.LeastDemand("peak_drift"))
     assert posed.columns == posed.limitable
-    demands = jax.eval_shape(posed.demands, system, ENSEMBLE.ground(0))
-    assert {*demands} == {*posed.columns}
+    assert {*jax.eval_shape(posed.demands, system, ENSEMBLE.ground(0))} == {*posed.columns}
     says, goal = "objective: 'peak_contact' in goal must be one of", jp.LeastDemand("peak_contact")
     refused(says, problem, system, variables, goal=goal)
 
 
 def test_a_probability_at_one_gap_is_refused_where_gaps_differ_or_one_is_chosen():
-    goal, says = (
-        jp.PoundingProbability(0.3),
-        "^design_damper: objective: PoundingProbability: gap mu",
-    )
+    goal = jp.PoundingProbability(0.3)
+    says = "^design_damper: objective: PoundingProbability: gap mu"
     chosen = linked(0.3, 0.3), {"links.1.gap": (0.1, 1.0)}
     for system, variables in ((linked(0.3, 0.4), FRICTION), chosen):
         assert problem(system, variables, goal=jp.PoundingProbability()).columns[1] == "min_gap_1"

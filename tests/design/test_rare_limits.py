@@ -80,8 +80,7 @@ def test_a_stopped_search_goes_on(narrow, monkeypatch):
 
     monkeypatch.setattr(jp.LimitState, "values_and_times", run)
     again = designed(objective(probability=SELDOM), save=save, start=NEAR)
-    assert again.values == design.values
-    assert again.prices == design.prices
+    assert (again.values, again.prices) == (design.values, design.prices)
 
 
 def test_a_landscape_knows_the_probability_at_the_design(narrow):
@@ -147,8 +146,7 @@ def test_curvatures_make_slopes_those_of_both_designs():
     np.testing.assert_allclose(curvature[0] @ (places[1] - places[0]), (slopes[1] - slopes[0])[0])
     assert np.linalg.eigvalsh(curvature[0]).min() > -1e-12
     # A concave function is taken as linear, and so are designs that are nearly the same.
-    concave = at[1]._replace(slopes=-slopes[1])
-    assert not updated_curvatures(at[0], concave).any()
+    assert not updated_curvatures(at[0], at[1]._replace(slopes=-slopes[1])).any()
     nearly = at[0]._replace(scaled=places[0] + 1e-3, slopes=slopes[1])
     assert not updated_curvatures(at[0], nearly).any()
 

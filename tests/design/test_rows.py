@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.cli import design_report, files, parameters
 from jaxpound.cli.buildings import BuildingsLayout
-from jaxpound.cli.design_report import parts_of_page, summary
-from jaxpound.cli.files import page
-from jaxpound.cli.parameters import Parameters
 from jaxpound.plots import designs as plots
 from tests.refusals import refusals, refused
 from tests.rows import GAPS, GRID, ROW, STEEL, WAVES
@@ -54,7 +52,6 @@ def mean_gap(every):
 
 @pytest.fixture(scope="module")
 def placements():
-    """Every placement on a grid of slip forces, and its mean gap."""
     mu = np.linspace(0, BUDGET, 21)
     every = np.stack(np.meshgrid(mu, mu), -1).reshape(-1, 2)
     return every, mean_gap(every)
@@ -168,8 +165,6 @@ def test_a_front_over_budgets(design, placements):
 
 
 def test_elasticities_by_a_damper_and_a_storey_of_a_row():
-    """Of two storeys beside one."""
-
     def row(friction, stiffness):
         upper = jp.Rod(STEEL, stiffness)
         left = jp.Storeys((1.0, 0.8), (jp.Rod(STEEL, 12.0), upper))
@@ -244,13 +239,13 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     assert "peak absolute acceleration of building 1 changed by -" in shown
     assert "gap" not in shown
     assert plots.convergence(found).get_ylabel() == "objective ($g$)"
-    ax = plots.before_and_after(compared)
-    assert ax.get_xlabel() == "peak $|a_1|$ ($g$)"
+    assert plots.before_and_after(compared).get_xlabel() == "peak $|a_1|$ ($g$)"
     layout = BuildingsLayout.of(jp.Buildings(buildings, links), (1,))
     others = {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}
-    answers = summary(found, others, Parameters(layout))
-    parts = parts_of_page(json.loads(json.dumps(answers, allow_nan=False)), compared.topology)
-    told = page("Design", parts, [])
+    answers = design_report.summary(found, others, parameters.Parameters(layout))
+    read = json.loads(json.dumps(answers, allow_nan=False))
+    parts = design_report.parts_of_page(read, compared.topology)
+    told = files.page("Design", parts, [])
     assert "gap" not in told
     assert "pounded" not in told
     assert "the peak absolute acceleration of building 1 changes by -" in told

@@ -5,8 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies
 
 import jaxpound as jp
 from jaxpound import Bounds, DesignSpace
@@ -17,16 +16,13 @@ PAPER = jp.paper.structures()
 ALL = {
     "friction": (0.0, 1.0),
     "rod_1.order": (0.05, 0.95),
-    "rod_1.tau_f": Bounds(0.001, 2.0, "log"),
-    "rod_1.tau_x": Bounds(0.5, 20.0, "log"),
-    "rod_2.tau_f": (0.01, 3.0),
-    "rod_2.tau_x": (1.0, 10.0),
-    "stiffness_ratio": Bounds(0.5, 4.0, "log"),
-    "mass_ratio": (0.5, 2.0),
+    **{"rod_1.tau_f": Bounds(0.001, 2.0, "log"), "rod_1.tau_x": Bounds(0.5, 20.0, "log")},
+    **{"rod_2.tau_f": (0.01, 3.0), "rod_2.tau_x": (1.0, 10.0)},
+    **{"stiffness_ratio": Bounds(0.5, 4.0, "log"), "mass_ratio": (0.5, 2.0)},
 }
 SPACE = DesignSpace(PAPER, ALL)
 structures_at, values_at = jax.jit(SPACE.structures), jax.jit(SPACE.values)
-shares = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8).map(np.array)
+shares = strategies.lists(strategies.floats(0.0, 1.0), min_size=8, max_size=8).map(np.array)
 
 
 @given(shares)
@@ -57,8 +53,7 @@ def test_values_follow_their_scales_and_rules_and_all_else_is_nominal():
     assert float(middle["rod_2.tau_x"]) == pytest.approx(10.0)
     both = DesignSpace(PAPER, {"rod_1.tau_x": (0.01, 5.0), "rod_1.tau_f": (0.001, 1.0)})
     assert both.names == ("rod_1.tau_f", "rod_1.tau_x")
-    low = both.values(np.array([1.0, 0.0]))
-    assert float(low["rod_1.tau_x"]) == pytest.approx(1.001)
+    assert float(both.values(np.array([1.0, 0.0]))["rod_1.tau_x"]) == pytest.approx(1.001)
     one = DesignSpace(PAPER, {"rod_2.tau_x": (0.01, 5.0)})
     assert float(one.values(np.array([0.0]))["rod_2.tau_x"]) == pytest.approx(0.2 * 1.001)
     space = DesignSpace(PAPER, {"friction": (0.0, 1.0)})
@@ -79,7 +74,6 @@ def test_derivatives_are_those_of_the_map():
 
 LARGEST = "rod_2.tau_f = {0}, as large as it may be, must be below tau_x = {0}"
 BEYOND = dataclasses.replace(PAPER, friction=1.5)
-
 test_bad_spaces_are_named = refusals(
     (lambda: Bounds(1.0, 1.0), "high = 1 must be finite and above low = 1"),
     (lambda: Bounds(2.0, 1.0), "high = 1 must be finite and above low = 2"),

@@ -18,5 +18,4 @@ def sine(t):
 
 @partial(jax.jit, static_argnames="quantity")
 def values(ground, quantity, t):
-    """The displacement, velocity or acceleration of a pytree at t."""
     return getattr(ground, quantity)(t)

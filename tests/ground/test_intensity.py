@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies
 from jax.test_util import check_grads
 from scipy.integrate import solve_ivp
 
@@ -17,7 +16,7 @@ from tests.ground.motions import RECORD, SAMPLES, sine
 from tests.refusals import refused
 
 
-@given(st.floats(0.01, 3), st.floats(0.5, 5))
+@given(strategies.floats(0.01, 3), strategies.floats(0.5, 5))
 def test_measures_of_a_sine_are_the_closed_forms(amplitude, omega):
     periods, per_period = 3, 800
     dt = 2 * np.pi / omega / per_period
@@ -90,7 +89,6 @@ def test_spectral_acceleration_and_its_slopes_are_exact_at_any_step():
         fine = {"t_eval": times, "max_step": 0.02, "rtol": 1e-9, "atol": 1e-12}
         exact = solve_ivp(motion, (0, times[-1]), [0, 0], **fine)
         assert float(spectrum(period)) == pytest.approx(w**2 * np.abs(exact.y[0]).max(), rel=1e-6)
-    # So are its slopes.
     record = jp.Record(np.random.default_rng(1).normal(size=60), 0.1)
     spectrum = jax.jit(lambda p: jp.spectral_acceleration(record, period=p[0], damping=p[1]))
     at = np.array([0.9, 0.05])

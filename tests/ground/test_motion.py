@@ -70,7 +70,6 @@ NO_ACCELERATIONS = [
     (lambda t: np.where(t > 0.25, np.nan, t), r"= nan \(at index \[3\]\) must be finite"),
     (lambda t: np.inf, "= inf must be finite"),
 ]
-
 test_senseless_motions_are_refused = refusals(
     (lambda: RECORD + 1, r"Sum: grounds\[1\] = 1 must have acceleration\(t\)"),
     (lambda: None + RECORD, r"Sum: grounds\[0\] = None must have acceleration\(t\)"),

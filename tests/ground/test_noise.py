@@ -158,7 +158,6 @@ def test_a_pulse_in_seconds_becomes_dimensionless_and_says_when_it_is_not_resolv
 
 
 IN_1, WAVELET = SCALES.to_dimensionless, jp.Ricker(1, 1, 1)
-
 test_bad_values_are_named = refusals(
     (lambda: jp.KanaiTajimi(-2.0, 0.6), r"frequency = -2 must be positive"),
     (lambda: jp.KanaiTajimi(2.0, 1.0), r"damping = 1 must be below 1"),

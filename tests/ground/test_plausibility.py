@@ -65,13 +65,11 @@ def test_what_is_meant_or_traced_is_not_warned_of_and_all_else_once():
             jp.demand(far(0.0), SHORT, GRID)
     assert len(caught) == 1
 
-    # Traced values cannot be judged.
     def min_gap(gap, factor):
         return jp.demand(far(gap), factor * LOUD + SHORT, GRID, strict=True).min_gap
 
     jax.eval_shape(min_gap, 1e4, 1.0)
-    slopes = jax.vmap(jax.grad(min_gap, argnums=1))
-    jax.eval_shape(slopes, jnp.full(2, 1e4), jnp.ones(2))
+    jax.eval_shape(jax.vmap(jax.grad(min_gap, argnums=1)), jnp.full(2, 1e4), jnp.ones(2))
 
 
 class Buzz:
@@ -82,17 +80,11 @@ class Buzz:
         return [f"ground: a buzz needs dt = 0.01, not {dt}"]
 
 
-UNRESOLVED = {
-    "short": (SHORT, 1),
-    "long": (jp.Ricker(1.0, [0.8], [1.0]), 0),
-    "still": (jp.Ricker([0.0, 1.0], [0.3, 2.0], [1.0, 2.0]), 0),
-    "scaled": (2 * SHORT, 1),
-    "nothing": (0.0 * SHORT, 0),
-    "sum": (SHORT + SHORT, 2),
-    "own": (Buzz(), 1),
-    "own in a sum": (jp.Ricker(1.0, 2.0, 1.0) - Buzz(), 1),
-    "function": (lambda t: jnp.sin(100 * t), 0),
-}
+UNRESOLVED = {"short": (SHORT, 1), "scaled": (2 * SHORT, 1), "sum": (SHORT + SHORT, 2)}
+UNRESOLVED |= {"nothing": (0.0 * SHORT, 0), "long": (jp.Ricker(1.0, [0.8], [1.0]), 0)}
+UNRESOLVED |= {"still": (jp.Ricker([0.0, 1.0], [0.3, 2.0], [1.0, 2.0]), 0), "own": (Buzz(), 1)}
+UNRESOLVED |= {"own in a sum": (jp.Ricker(1.0, 2.0, 1.0) - Buzz(), 1)}
+UNRESOLVED |= {"function": (lambda t: jnp.sin(100 * t), 0)}
 
 
 @pytest.mark.parametrize(("ground", "said"), UNRESOLVED.values(), ids=UNRESOLVED)
@@ -121,18 +113,12 @@ LATE = jp.Ricker([0.01, 0.5], [2.0, 2.0], [1.0, 6.0])
 QUAKE = jp.Record(0.2 * np.sin(3 * T) * (T > 1.0), 0.2, "quake", "1/ω1")  # of 8 time units
 
 WHOLE = jp.Record([0.1, 0.2, 0.1], 1.0, time_unit="1/ω1")
-SHARES = {
-    "early": (jp.Ricker([0.5, 0.01], [2.0, 2.0], [1.0, 6.0]), 0),
-    "late": (LATE, 100),
-    "last": (jp.Ricker(0.1, [2.0] * 4, [1.0, 2.0, 3.0, 5.0]), 25),
-    "pulse": (jp.Pulse(0.1, 2.0, 30.0), 100),
-    "cut": (QUAKE, 67),
-    "whole": (WHOLE, 0),
-    "sum": (LATE - WHOLE, 100),
-    "none": (0.0 * LATE, 0),
-    "function": (lambda t: jnp.sin(3 * t), 0),
-    "with it": (LATE + (lambda t: jnp.sin(3 * t)), 0),
-}
+SHARES = {"late": (LATE, 100), "none": (0.0 * LATE, 0), "sum": (LATE - WHOLE, 100)}
+SHARES |= {"cut": (QUAKE, 67), "whole": (WHOLE, 0), "pulse": (jp.Pulse(0.1, 2.0, 30.0), 100)}
+SHARES |= {"early": (jp.Ricker([0.5, 0.01], [2.0, 2.0], [1.0, 6.0]), 0)}
+SHARES |= {"last": (jp.Ricker(0.1, [2.0] * 4, [1.0, 2.0, 3.0, 5.0]), 25)}
+SHARES |= {"function": (lambda t: jnp.sin(3 * t), 0)}
+SHARES |= {"with it": (LATE + (lambda t: jnp.sin(3 * t)), 0)}
 
 
 @pytest.mark.parametrize(("ground", "share"), SHARES.values(), ids=SHARES)

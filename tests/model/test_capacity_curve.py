@@ -17,8 +17,7 @@ def test_each_storey_follows_its_own_law_under_its_share_of_the_base_shear():
     shears = np.outer(pushed.base_shear, SHARES)
     expected = (shears + (1 / 0.1 - 1) * np.maximum(shears - strengths, 0)) / K
     np.testing.assert_allclose(pushed.drifts, expected, rtol=1e-7)
-    at_yield = pushed.drifts[pushed.yields, range(3)]
-    np.testing.assert_allclose(at_yield, strengths / K, rtol=1e-7)
+    np.testing.assert_allclose(pushed.drifts[pushed.yields, range(3)], strengths / K, rtol=1e-7)
     assert pushed.drifts[-1, 1] == pytest.approx(14 * 0.7e6 / K[1])  # of the critical storey
 
 

@@ -103,7 +103,6 @@ def test_a_row_that_yields_is_the_same_in_both_units():
 
 WEAK, STOREY = FRAME.yielding(yield_drift=0.005), FRAME.storeys[0]
 SOFT = jp.ShearBuilding((replace(STOREY, stiffness=1e5),))
-
 test_refused = refusals(
     (jp.Bilinear, 0.0, r"Bilinear: yield_displacement = 0 must be positive and finite"),
     (jp.Bilinear, 0.1, 1.5, r"hardening = 1.5 must be between -1 and 1"),

@@ -75,10 +75,8 @@ def test_an_isolated_building_has_its_base_as_floor_0_and_bearings_under_its_who
     rubber, none = jp.isolated(FRAME, RUBBER, BASE, gravity=gravity, height=0.8)
     assert none == ()
     for building, height in ((sliding, 0.5), (rubber, 0.8)):
-        assert building.n_floors == 4
-        assert building.heights == (height, 3.0, 3.0, 3.0)
-        assert building.storeys[1:] == FRAME.storeys
-        assert building.storeys[0].mass == BASE
+        assert (building.n_floors, building.heights) == (4, (height, 3.0, 3.0, 3.0))
+        assert (building.storeys[0].mass, building.storeys[1:]) == (BASE, FRAME.storeys)
         assert building.storeys[0].tau_f == building.storeys[0].tau_x
     bearing = rubber.storeys[0]
     after_yield = bearing.stiffness * bearing.hysteresis.hardening
@@ -108,8 +106,7 @@ def test_modes_are_those_of_the_springs_before_yield():
 
 
 def test_the_link_to_the_ground_has_friction_once_and_a_face_for_each_wall():
-    wall = MoatWall((0.2, 0.3), (LAW, SOFT))
-    building, links = jp.isolated(FRAME, SLIDING, BASE, wall=wall)
+    building, links = jp.isolated(FRAME, SLIDING, BASE, wall=MoatWall((0.2, 0.3), (LAW, SOFT)))
     right, left = jp.Buildings((building,), links).links
     assert (right.side, right.gap, right.contact) == ("right", 0.3, SOFT)
     assert (left.side, left.gap, left.contact) == ("left", 0.2, LAW)
@@ -149,7 +146,6 @@ def test_friction_grows_with_the_velocity_from_slow_to_fast():
 
 PENDULUM = FrictionPendulum
 NOT_POSITIVE, UNMOVED = "must be positive and finite", "damping_ratio: displacement = 0"
-
 test_bad_bearings_are_refused = refusals(
     (PENDULUM, 0.0, 0.06, f"^FrictionPendulum: radius = 0 {NOT_POSITIVE}"),
     (PENDULUM, 100.0, 0.06, r"^FrictionPendulum: radius = 100 must be between 0.05 and 50 m"),

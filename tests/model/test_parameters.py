@@ -140,8 +140,7 @@ def test_names_and_kinds_need_no_more_than_the_class_but_a_contact_law_s():
         (POUNDING, "contact.stiffness", "contact: $k$", "stiffness"),
         (BUMPER, "links.0.contact.restitution", "link 1, contact: $e$", None),
     ):
-        assert parameters.name(tree, path) == name
-        assert parameters.metadata(tree, path).kind == kind
+        assert (parameters.name(tree, path), parameters.metadata(tree, path).kind) == (name, kind)
         refused(f"unknown path '{path}'", parameters.metadata, type(tree), path)
     soft = dataclasses.replace(PAPER, contact=jp.Hertz(1e4))
     assert parameters.metadata(soft, "contact.stiffness").kind == "hertz stiffness"

@@ -24,27 +24,20 @@ def call(friction_force=200e3, gap=0.1, contact=None):
 
 
 TONNES = {"masses": (500.0, 400.0)}
-DAMPER, LAST = "friction_force = {} N should be 0 or between", "N/m makes a contact last about"
+DAMPER, LASTS = "friction_force = {} N should be 0 or between", "makes a contact last about"
+STIFF, SOFT = {"friction_force": 0.0, "contact": KELVIN}, {"contact": jp.KelvinVoigt(8.8e5, 0.65)}
+SHORT = rf"contact: stiffness = 8\.8e\+08 N/m {LASTS} 0\.0016 s, which should be"
+LONG = rf"contact: stiffness = 8\.8e\+05 N/m {LASTS} 1\.6 s, which should be be"
+OF_HERTZ = rf"contact: stiffness = 8\.8e\+06 N/m\^1\.5 {LASTS} 0\.75 s, .* 0\.3 s"
+PERIOD = r"building 2: natural period = 10\.5 s should be between 0\.05 and 10 s"
 WRONG = {
     "masses in t, a damper in N": (TONNES, {}, DAMPER.format(r"2e\+05")),
-    "masses in t, a contact in N/m": (
-        *(TONNES, {"friction_force": 0.0, "contact": KELVIN}),
-        rf"contact: stiffness = 8\.8e\+08 {LAST} 0\.0016 s, which should be",
-    ),
+    "masses in t, a contact in N/m": (TONNES, STIFF, SHORT),
     "one mass in t": ({"masses": (500e3, 400.0)}, {}, "the masses of floors, 400 to 5e.05 kg, sho"),
     "a damper in kN": ({}, {"friction_force": 200.0}, DAMPER.format(200)),
-    "ω for a period": (
-        *({"periods": (7.0, 10.5)}, {}),
-        r"building 2: natural period = 10\.5 s should be between 0\.05 and 10 s",
-    ),
-    "a contact in kN/m": (
-        *({}, {"contact": jp.KelvinVoigt(8.8e5, 0.65)}),
-        rf"contact: stiffness = 8\.8e\+05 {LAST} 1\.6 s, which should be be",
-    ),
-    "Hertz's contact in kN/m": (
-        *({}, {"contact": jp.Hertz(8.8e6)}),
-        r"contact: stiffness = 8\.8e\+06 N/m\^1\.5 makes a contact last about 0\.75 s, .* 0\.3 s",
-    ),
+    "ω for a period": ({"periods": (7.0, 10.5)}, {}, PERIOD),
+    "a contact in kN/m": ({}, SOFT, LONG),
+    "Hertz's contact in kN/m": ({}, {"contact": jp.Hertz(8.8e6)}, OF_HERTZ),
 }
 
 
@@ -104,15 +97,14 @@ def test_usual_numbers_are_not_told_of_and_traced_ones_not_judged():
         jp.dimensionless(many, many, 1e9, 0.1)
 
 
-PERIOD, OF_STOREYS = jp.Building.from_period, jp.ShearBuilding.from_period
+OF_BLOCK, OF_STOREYS = jp.Building.from_period, jp.ShearBuilding.from_period
 OWNER, OF_ROW, ROD = "Building.from_period: ", r"dimensionless_row: links\.0", (1e8, 0.5, 0.01, 0.1)
 STRONG = jp.floor_links(pair(), friction=1e12)
 ROW, PAIR = jp.dimensionless_row, jp.dimensionless
 NO_NUMBER = r"must be a real number \(0 stands for none\)"
-
 test_numbers_that_no_building_has_are_refused = refusals(
     (lambda: pair(periods=(900.0, 600.0)), "Building.from_period: period = 900 must be betwe"),
-    (PERIOD, 5e5, 0.9, 5, rf"{OWNER}damping_ratio = 5 must be between 0 and 1 .*0\.05 is 5 %"),
+    (OF_BLOCK, 5e5, 0.9, 5, rf"{OWNER}damping_ratio = 5 must be between 0 and 1 .*0\.05 is 5 %"),
     (OF_STOREYS, 2, 5e5, 900, 0.05, "ShearBuilding.from_period: period = 900 must be between"),
     (jp.Building, 5e11, *ROD, r"Building: mass = 5e\+11 must be between 0\.001 and 1e\+10 kg"),
     (lambda: jp.ShearBuilding(tuple(pair()), 3000), "heights.0 = 3000 must be between 0.01 an"),

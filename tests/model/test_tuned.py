@@ -44,8 +44,7 @@ def test_a_tuned_mass_on_an_undamped_block_leaves_den_hartog_s_equal_peaks(ratio
 
 def test_a_tuned_mass_is_a_share_of_the_modal_mass_at_the_roof():
     tuned = jp.tuned_mass_damper(FRAME, 0.05, frequency_ratio=0.9, damping_ratio=0.2)
-    assert tuned.storeys[:3] == FRAME.storeys
-    assert tuned.heights == (3.0, 3.0, 3.0, 1.5)
+    assert (tuned.storeys[:3], tuned.heights) == (FRAME.storeys, (3.0, 3.0, 3.0, 1.5))
     shape = np.sin((np.arange(3) + 1) * np.pi / 7)  # of equal floors on equal storeys
     modal_mass = 300e3 * np.sum((shape / shape[-1]) ** 2)
     top = tuned.storeys[3]
@@ -66,8 +65,7 @@ def test_a_tuned_inerter_of_a_block_leaves_the_equal_peaks_of_a_tuned_mass(ratio
     np.testing.assert_allclose(peaks, np.sqrt(1 + 2 / (ratio + light)), rtol=5e-3)
     buildings = jp.Buildings((tuned,), (link,))
     poles = np.sort(np.abs(jp.modes(buildings).eigenvalues))
-    free = np.sort(np.abs(jp.modes(buildings).frequencies))
-    np.testing.assert_allclose(poles, free, rtol=0.05)
+    np.testing.assert_allclose(poles, np.sort(np.abs(jp.modes(buildings).frequencies)), rtol=0.05)
 
 
 @pytest.mark.parametrize(("floor", "near"), [(jp.GROUND, 0.01), (0, 0.06), (1, 0.16)])
@@ -91,7 +89,6 @@ def test_a_tuned_inerter_has_the_share_of_the_modal_mass_that_its_floors_move(fl
 NOT_POSITIVE = "must be positive and finite"
 TOO_SHORT = "period = 0.0005 must be between 0.002 and 60 s"
 OF_TYPE = "building = 3.0 must be of type ShearBuilding or Building"
-
 test_bad_tuned_masses_are_refused = refusals(
     (3.0, 0.05, {}, OF_TYPE),
     (FRAME, 0.0, {}, f"mass_ratio = 0 {NOT_POSITIVE}"),

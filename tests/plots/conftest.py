@@ -4,18 +4,16 @@ import itertools
 
 import matplotlib as mpl
 import pytest
-from matplotlib.figure import Figure
 
 import jaxpound as jp
-from jaxpound.plots.style import FIGURE_SIZE
-from tests.plots.runs import paper_run
+from tests.plots.runs import new_axes, paper_run
 
 mpl.use("Agg")
 
 
 @pytest.fixture
 def ax():
-    return Figure(figsize=FIGURE_SIZE, layout="constrained").add_subplot()
+    return new_axes()
 
 
 @pytest.fixture(scope="session")

@@ -3,12 +3,19 @@
 from dataclasses import replace
 from functools import cache
 
+from matplotlib.figure import Figure
+
 import jaxpound as jp
+from jaxpound.plots.style import FIGURE_SIZE
 
 PAIR, GROUND = jp.paper.structures(), jp.paper.ground()
 GRID, SHORT = jp.TimeGrid(0.02, 1000), jp.TimeGrid(0.02, 400)
 LAW = jp.KelvinVoigt(stiffness=100.0, restitution=0.65)
 SCALES = jp.Scales(mass=500e3, frequency=7.0)
+
+
+def new_axes():
+    return Figure(figsize=FIGURE_SIZE, layout="constrained").add_subplot()
 
 
 def legend(ax):

@@ -6,7 +6,6 @@ import jax
 import numpy as np
 import pytest
 from matplotlib import style
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
@@ -15,7 +14,7 @@ from jaxpound.plots.animation import animate, still
 from jaxpound.plots.moving_rows import Scene
 from jaxpound.plots.style import COLOURS
 from tests.made import changed, pair_response, row_of, row_response
-from tests.plots.runs import GROUND, LAW, PAIR, SCALES, SHORT, legend, paper_run
+from tests.plots.runs import GROUND, LAW, PAIR, SCALES, SHORT, legend, new_axes, paper_run
 from tests.refusals import refused
 
 
@@ -42,7 +41,7 @@ def test_the_blocks_are_as_far_apart_as_the_gap(si, response, ax):
     closed = changed(response, gap=response.gap - 0.5 * response.gap[0])
     times = {float(response.demand.min_gap_time): "POUNDING (not modelled)", 0.0: "damper: stick"}
     for time, words in times.items():
-        assert still(closed, time, Figure().add_subplot()).texts[0].get_text() == words
+        assert still(closed, time, new_axes()).texts[0].get_text() == words
 
 
 def test_columns_are_red_from_the_first_yield_of_their_storey_on(response, ax):
@@ -60,15 +59,13 @@ def test_a_player_and_a_file_have_every_frame_and_of_a_row_its_map_of_gaps(
     response, tmp_path, moved
 ):
     moving = animate(response, frames=3, seconds=0.6)
-    page = moving.to_jshtml()
-    assert page.count("data:image/png;base64") == 3
+    assert moving.to_jshtml().count("data:image/png;base64") == 3
     moving.save(tmp_path / "run.gif", writer="pillow")
     with style.context("jaxpound.house"):  # saved figures are finer, frames are not
         moving.save(tmp_path / "house.gif", writer="pillow")
     assert (tmp_path / "house.gif").read_bytes() == (tmp_path / "run.gif").read_bytes()
     with Image.open(tmp_path / "run.gif") as file:
-        assert file.n_frames == 3
-        assert file.info["duration"] == 200
+        assert (file.n_frames, file.info["duration"]) == (3, 200)
 
     def axes_of(film):
         film.to_jshtml()
@@ -96,7 +93,7 @@ def test_wrong_arguments_are_refused(response, moved):
     short = pair_response(response.time[:900], {"gap": np.ones(900)})
     within = "must be within the run, from 0 to 20"
     floors = "the run must be of shear buildings: floors"
-    one = {"ax": Figure().add_subplot(), "elevations": [[3, 6, 9]]}
+    one = {"ax": new_axes(), "elevations": [[3, 6, 9]]}
     for message, draw, *arguments in (
         (r"animate: a batch of shape \(2, 1001\)", animate, batch),
         (within, still, response, 99.0),
@@ -174,7 +171,6 @@ BETWEEN = (
 
 @pytest.fixture(scope="module")
 def moved():
-    """Three buildings of 3, 2 and 1 floors, of which nothing made the motion."""
     row = row_of((3, 2, 1), BETWEEN)
     return row_response(row, TIME, lambda i, t: 0.1 * (i + 1) * np.sin((1 + 0.2 * i) * t))
 

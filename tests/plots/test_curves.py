@@ -11,7 +11,7 @@ import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.curves import is_pair
 from tests.made import pair_response, row_of, row_response
-from tests.plots.runs import legend
+from tests.plots.runs import legend, new_axes
 from tests.refusals import refused
 
 TIME = np.linspace(0.0, 1.0, 5)
@@ -82,35 +82,31 @@ def test_rods_and_links_are_drawn_over_their_elongation_and_slip_and_gaps_over_t
     elongations = X[0], X[1] - X[0], X[2], -X[3]
     for name, elongation in zip(NAMES["rod"], elongations, strict=True):
         np.testing.assert_array_equal(drawn(ax)[name], [elongation, 5.0 * elongation])
-    ax.clear()
-    plots.friction_hysteresis(response(), ax)
+    ax = plots.friction_hysteresis(response(), new_axes())
     for name, slip in zip(NAMES["link"], (X[1] - X[2], X[0], X[2] - X[3]), strict=True):
         np.testing.assert_array_equal(drawn(ax)[name][0], slip)
     assert ax.get_xlabel().startswith("slip $x_i - x_j$")
-    ax.clear()
     run = response()
-    plots.gap(run, ax)
+    ax = plots.gap(run, new_axes())
     assert list(drawn(ax)) == NAMES["link"][::2]
     np.testing.assert_array_equal(drawn(ax)["2–3, floor 1"][1], run.links[2].gap)
     smallest = float(run.min_gap)
     assert ax.lines[-1].get_ydata() == smallest
     assert legend(ax)[2].replace("−", "-").startswith(f"min {smallest:.4g} at")
-    both = plots.gaps({"one": run, "other": response(LINKS[:1])}, Figure().add_subplot())
+    both = plots.gaps({"one": run, "other": response(LINKS[:1])}, new_axes())
     assert sum(np.size(line.get_ydata()) == 5 for line in both.lines) == 3
 
 
 def test_runs_and_batches_without_links_or_gaps_are_valid(ax):
     free, open_ = response(()), response(LINKS[1:2])
-    assert len(free.plot().axes) == 2
-    assert len(open_.plot().axes) == 3
+    assert [len(run.plot().axes) for run in (free, open_)] == [2, 3]
     plots.energy(free, ax)
     for draw in (plots.friction_force, plots.friction_hysteresis):
         refused(f"{draw.__name__}: response must have a link", draw, free, ax)
     for run in (free, open_):
         refused("gap: response must have a link with a finite gap", plots.gap, run, ax)
     runs = response(LINKS[:1]), response([dataclasses.replace(LINKS[0], gap=np.inf)])
-    ax.clear()
-    plots.gap(jax.tree.map(lambda *x: np.stack(x), *runs), ax)
+    ax = plots.gap(jax.tree.map(lambda *x: np.stack(x), *runs), new_axes())
     assert np.isfinite(ax.get_ylim()).all()
     assert f"{float(runs[0].min_gap):.4g}" in legend(ax)[0]
 
@@ -134,33 +130,31 @@ def test_many_masses_have_colours_and_a_narrow_legend_that_names_their_buildings
 
     run = linked((4, 3), displacement=lambda i, t: 0.1 * i * np.sin(t))
     for draw in (plots.displacements, plots.rod_forces, plots.rod_hysteresis):
-        each = draw(run, Figure().add_subplot())
+        each = draw(run, new_axes())
         assert legend(each) == ["building 1", "building 2"]
         assert len({line.get_color() for line in each.lines}) == 7
         tops = [each.lines[i].get_color() for i in (3, 6)]
         assert tops == [plots.COLOURS[f"structure {b}"].lower() for b in (1, 2)]
-    assert "1–2, floor 3" in legend(plots.friction_force(run, Figure().add_subplot()))
+    assert "1–2, floor 3" in legend(plots.friction_force(run, new_axes()))
 
 
 def test_many_links_share_names_and_those_without_a_damper_have_no_friction(ax):
     run = linked((3, 3, 2))
     plots.friction_force(run, ax)
     assert legend(ax) == ["1–2", "2–3"]
-    every = plots.gap(run, Figure().add_subplot())
+    every = plots.gap(run, new_axes())
     assert legend(every)[:2] == ["1–2", "2–3"]
     assert len([line for line in every.lines if np.size(line.get_xdata()) == TIME.size]) == 5
     # They are told apart from others between.
     within = jp.FloorLink(0, 1, friction=0.1, next_building=0)
     to_ground = jp.FloorLink(1, 1, friction=0.1, next_building=jp.GROUND)
     first, *others = (jp.FloorLink(0, floor, friction=0.1) for floor in range(3))
-    ax.clear()
-    plots.friction_force(linked((3, 3), (first, within, *others, to_ground)), ax)
+    ax = plots.friction_force(linked((3, 3), (first, within, *others, to_ground)), new_axes())
     assert legend(ax) == ["in 1", "1–2", "2–ground"]
-    ax.clear()
     run = linked((2, 2), displacement=lambda i, t: i**2 * np.sin(t))
     bare = [dataclasses.replace(link, slip_force=0.0) for link in run.links]
     half = dataclasses.replace(run, links=(bare[0], run.links[1]))
-    plots.friction_force(half, ax)
+    ax = plots.friction_force(half, new_axes())
     (line,) = ax.lines
     assert line.get_label() == "1–2, floor 2"
     (loop,) = plots.friction_hysteresis(half).lines

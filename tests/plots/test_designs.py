@@ -8,7 +8,7 @@ import pytest
 import jaxpound as jp
 from jaxpound.plots import designs as plots
 from tests.design.test_design import ENSEMBLE, GRID, SPACE, bowl, search, stand_in
-from tests.plots.runs import legend
+from tests.plots.runs import legend, new_axes
 
 assert stand_in  # a fixture
 
@@ -28,8 +28,7 @@ def test_convergence_has_a_line_for_every_start(limited, ax, legible):
     assert len(ax.lines) == 2 * 3 + 2
     assert legend(ax) == ["winner", "other starts", "thin: limit exceeded"]
     legible(ax.figure, ax.get_legend().texts)
-    ax.clear()
-    plots.convergence(search(iterations=3), ax)
+    ax = plots.convergence(search(iterations=3), new_axes())
     assert legend(ax) == ["winner", "other starts"]
 
 
@@ -41,14 +40,12 @@ def test_landscape_has_the_path_and_the_design_within_its_limit(limited, ax):
     assert design.get_ydata()[0] == pytest.approx(limited.values["mass_ratio"])
     assert ax.get_xlabel() == r"friction $\mu$"
     assert "limit exceeded" in ax.get_legend_handles_labels()[1]
-    ax.clear()
-    plots.landscape(limited, ax, n=5)
+    ax = plots.landscape(limited, new_axes(), n=5)
     assert {ax.get_xlabel(), ax.get_ylabel()} == {r"mass ratio $\rho$", r"friction $\mu$"}
-    ax.clear()
     seen = limited.landscape("friction", "mass_ratio", 6)
     friction, ratio = limited.values["friction"], limited.values["mass_ratio"]
     price = 0.5 * (seen.x_values / friction) ** 8
-    plots.landscape(limited, ax, seen._replace(violation=price / 0.5 - 1))
+    ax = plots.landscape(limited, new_axes(), seen._replace(violation=price / 0.5 - 1))
     ax.figure.canvas.draw()
     (shaded,) = (c for c in ax.collections if "limit" not in str(c.get_label()) and c.get_fill())
     paths = [path for path in shaded.get_paths() if len(path)]
@@ -64,13 +61,11 @@ def test_before_and_after_are_distributions_and_a_front_its_prices_and_objective
         assert line.get_ydata()[-1] == 1
     assert max(ax.get_yticks()) <= 1
     stand_in(lambda mu, rho, a: bowl(mu, rho, a) - 0.9)
-    ax.clear()
-    plots.before_and_after(search(iterations=40).trained, ax)
+    ax = plots.before_and_after(search(iterations=40).trained, new_axes())
     assert any(label.startswith("pounding") for label in ax.get_legend_handles_labels()[1])
-    ax.clear()
     more = {"price": "damper_force", "limits": [0.5, 0.3], "starts": 2, "iterations": 40}
     front = jp.pareto_front(SPACE, ENSEMBLE, GRID, **more)
-    plots.pareto(front, ax)
+    ax = plots.pareto(front, new_axes())
     x, y = ax.lines[0].get_data()
     np.testing.assert_array_equal(x, front.prices)
     np.testing.assert_array_equal(y, front.objectives)
@@ -82,10 +77,8 @@ def test_units_are_those_of_the_design_and_its_buildings(stand_in, ax):
     in_si = search(iterations=3, scales=jp.Scales(mass=500e3, frequency=7.0))
     probable = search(jp.Objective(jp.PoundingProbability(1.0)), iterations=3)
     for design, label in ((in_si, "objective (m)"), (probable, "objective")):
-        ax.clear()
-        assert plots.convergence(design, ax).get_ylabel() == label
-    ax.clear()
-    plots.before_and_after(in_si.trained, ax, "damper_force")
+        assert plots.convergence(design, new_axes()).get_ylabel() == label
+    ax = plots.before_and_after(in_si.trained, new_axes(), "damper_force")
     assert ax.get_xlabel() == "slip force (N)"
     blocks = [jp.Building.from_period(5e5, period, 0.05) for period in (0.9, 0.6)]
     pair = jp.Buildings(tuple(blocks), (jp.FloorLink(0, 0, friction=1e5, gap=0.05),))

@@ -6,14 +6,13 @@ from functools import partial
 import jax
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.style import COLOURS, shades
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.floors import FloorDemands
-from tests.plots.runs import legend
+from tests.plots.runs import legend, new_axes
 from tests.refusals import refusals
 
 QUANTITIES = ("displacement", "drift", "acceleration", "shear", "contact_left", "contact_right")
@@ -46,8 +45,7 @@ def test_demands_of_a_floor_stand_where_they_are(ax):
         (floors(2), "shear", [3.0, 7.0], [(4.0, 0), (4.0, 3), (4.1, 3), (4.1, 7)]),
         (touching, "contact", None, [(7.0, 1.0), (5.0, 3.0)]),
     ):
-        ax.clear()
-        plots.envelope(demands, quantity, elevations, ax)
+        ax = plots.envelope(demands, quantity, elevations, new_axes())
         np.testing.assert_array_equal(ax.lines[0].get_xydata(), points)
         assert ax.get_ylabel() == ("floor" if elevations is None else "height (m)")
 
@@ -62,16 +60,13 @@ def test_a_batch_is_a_median_and_a_band_and_forces_are_in_the_unit_of_their_labe
     np.testing.assert_allclose(ax.lines[0].get_xdata(), middle)
     (band,) = ax.collections
     corners = band.get_paths()[0].vertices[:, 0]
-    assert corners.min() == pytest.approx(low.min())
-    assert corners.max() == pytest.approx(high.max())
+    assert (corners.min(), corners.max()) == pytest.approx((low.min(), high.max()))
     assert 0 == ax.get_xlim()[0] < high.max() < ax.get_xlim()[1]
-    ax.clear()
     strong = dataclasses.replace(floors(2), shear=np.array([3e6, 2e6]))
-    plots.envelope(strong, "shear", ax=ax)
+    ax = plots.envelope(strong, "shear", ax=new_axes())
     assert ax.get_xlabel().endswith("(kN)")
     assert ax.lines[0].get_xdata()[0] == pytest.approx(3000.0)
-    dimensionless = Figure().add_subplot()
-    plots.envelope(floors(2, si=False), "shear", ax=dimensionless)
+    dimensionless = plots.envelope(floors(2, si=False), "shear", ax=new_axes())
     assert dimensionless.get_xlabel().endswith("($m_1 g$)")
 
 
@@ -95,7 +90,7 @@ def test_envelopes_have_a_row_for_each_building_and_runs_are_compared_by_name():
     for ax in figure.axes:
         assert [line.get_color() for line in ax.lines] == shades(2)
     assert figure.axes[0].get_ylabel() == "building 1\nheight (m)"
-    ax = plots.envelope({"a": floors(3), "b": floors(3)}, ax=Figure().add_subplot())
+    ax = plots.envelope({"a": floors(3), "b": floors(3)}, ax=new_axes())
     assert legend(ax) == ["a", "b"]
     # With and without contact; a warning of a layout that cannot be made would be an error.
     figure = plots.envelopes({"alone": (floors(3, contact=False),), "with": (floors(3),)})
@@ -142,7 +137,6 @@ BUILDINGS = "floors to be compared must be of the same buildings"
 LAST = r"envelopes: elevations\[1\] = \[nan\] must be the heights of 1 floor above"
 ROD = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), 5.0)
 
-
 at_heights = partial(plots.envelope, TWO, "drift")
 test_wrong_arguments_are_refused = refusals(
     (plots.envelopes, {}, "envelopes: floors must hold at least one run"),
@@ -175,19 +169,18 @@ def test_mode_shapes_have_their_top_to_the_right_over_heights_or_floors(ax):
     assert legend(ax)[0] == r"mode 1: $T$ = 0.6 s, $\zeta$ = 5 %"
     assert len(legend(ax)) == 2
     assert ax.get_ylabel() == "height (m)"
-    ax.clear()
-    plots.mode_shapes(jp.Storeys((1.0, 1.0), ROD), ax=ax)  # of which there are two
+    ax = plots.mode_shapes(jp.Storeys((1.0, 1.0), ROD), ax=new_axes())  # of which there are two
     assert len(legend(ax)) == 2
     assert r"1/\omega_1" in legend(ax)[0]
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), [0, 1, 2])
     tall, low = (jp.ShearBuilding.from_period(n, 2e5, 0.2 * n, 0.05, height=3.0) for n in (3, 2))
-    ax = plots.mode_shapes(jp.Buildings((tall, low)), 2, Figure().add_subplot())
+    ax = plots.mode_shapes(jp.Buildings((tall, low)), 2, new_axes())
     names = [f"building {b}, mode {j}" for b in (1, 2) for j in (1, 2)]
     assert [words.partition(":")[0] for words in legend(ax)] == names
     assert legend(ax)[2].startswith("building 2, mode 1: $T$ = 0.4 s")
     np.testing.assert_allclose(ax.lines[2].get_ydata(), [0.0, 3.0, 6.0])
     assert ax.get_ylabel() == "height (m)"
     block = jp.Building.from_period(mass=5e5, period=0.9, damping_ratio=0.05)
-    ax = plots.mode_shapes(jp.Buildings((block,)), ax=Figure().add_subplot())
+    ax = plots.mode_shapes(jp.Buildings((block,)), ax=new_axes())
     assert legend(ax)[0].startswith("mode 1: $T$ = 0.9 s")
     assert ax.get_ylabel() == "floor"

@@ -6,12 +6,11 @@ import jax
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound import plots
 from tests.made import changed, pair_response, row_of, row_response
-from tests.plots.runs import LAW, legend
+from tests.plots.runs import LAW, legend, new_axes
 from tests.refusals import refused
 
 TIME = np.linspace(0.0, 20.0, 4001)
@@ -43,8 +42,7 @@ def test_each_link_has_its_named_row_and_each_pixel_the_narrowest_gap_of_its_ins
         assert row.max() <= gap.max()
     assert ax.figure.axes[1].get_ylabel() == r"gap $\xi$ ($g/\omega_1^2$)"  # the colour bar
     assert ax.get_xlabel() == r"time $t$ ($1/\omega_1$)"
-    ax.figure.clear()
-    ax = ax.figure.add_subplot()
+    ax = new_axes()
     links = (
         jp.FloorLink(0, 1, 0, gap=1.0),
         jp.FloorLink(1, 0, gap=1.0, next_building=jp.GROUND),
@@ -53,8 +51,7 @@ def test_each_link_has_its_named_row_and_each_pixel_the_narrowest_gap_of_its_ins
     run = swaying((2, 1), links)
     plots.gap_map(run, ax)
     assert set(row_names(ax)) == {"1–2, floors 2–1", "2–ground, floor 1", "in 1, floors 1–2"}
-    crossed = dataclasses.replace(run, rods=run.rods[:2])  # no buildings
-    ax = plots.gap_map(crossed, Figure().add_subplot())
+    ax = plots.gap_map(dataclasses.replace(run, rods=run.rods[:2]), new_axes())  # no buildings
     assert row_names(ax) == ["masses 2–3", "mass 3–ground", "masses 1–2"]
 
 
@@ -68,12 +65,11 @@ def test_contacts_of_one_instant_and_newton_s_impacts_are_seen(ax):
     pixel = image.cmap(image.norm(image.get_array()[0, closed.argmax()]))
     assert pixel == pytest.approx(to_rgba(plots.COLOURS["pounding"]))
     assert "pounding" in legend(ax)[0]
-    ax.clear()
     links = tuple(dataclasses.replace(link, contact=LAW) for link in LINKS[:1])
     run = swaying(links=links, sway=0.0)
     (link,) = run.links
     at = dataclasses.replace(link, touching=(np.arange(4001) == 700).astype(float))
-    plots.gap_map(dataclasses.replace(run, links=(at,)), ax)
+    ax = plots.gap_map(dataclasses.replace(run, links=(at,)), new_axes())
     assert (ax.images[0].get_array() < 0).sum() == 1
     assert "contact" in legend(ax)[0]
 

@@ -13,27 +13,15 @@ from tests.reliability.test_rare_event import FEW, SHORT
 
 STATE = jp.LimitState(FEW, SHORT, threshold=0.2)
 ACCELERATION = dataclasses.replace(STATE, demand="peak_acceleration_1")
-
-
 SCALES = jp.Scales(mass=1e5, frequency=5.0)
 
 
 def event(gap, probability, state=STATE):
-    return jp.RareEvent(
-        probability=probability,
-        cov=0.1,
-        runs=1000,
-        gradients=100,
-        method="made up",
-        limit_state=dataclasses.replace(state, threshold=gap),
-        points=np.zeros((0, 5)),
-        weights=np.zeros(0),
-        values=np.zeros(0),
-        design_points=np.array([[1.0, -2.0, 1.0, 1.0, -1.0]]),
-        instants=np.array([6.0]),
-        series=np.array([0]),
-        form=0.8 * probability,
-    )
+    state, point = dataclasses.replace(state, threshold=gap), [1.0, -2.0, 1.0, 1.0, -1.0]
+    sample = {"points": np.zeros((0, 5)), "weights": np.zeros(0), "values": np.zeros(0)}
+    sample |= {"design_points": np.array([point]), "instants": np.array([6.0])}
+    how = probability, 0.1, 1000, 100, "made up", state  # with its c.o.v., runs and gradients
+    return jp.RareEvent(*how, **sample, series=np.array([0]), form=0.8 * probability)
 
 
 def test_a_design_earthquake_and_a_curve_of_probabilities(ax):
@@ -45,8 +33,7 @@ def test_a_design_earthquake_and_a_curve_of_probabilities(ax):
     above, below = rare_events.design_earthquake(closes).axes
     assert above.lines[0].get_ydata() == pytest.approx(np.asarray(response.ground_acceleration))
     assert below.lines[0].get_ydata() == pytest.approx(closing)
-    words = ["closing, 1–2, floor 1", "threshold", r"$t$ = 6, $\beta$ = 2.83"]
-    assert legend(below) == words
+    assert legend(below) == ["closing, 1–2, floor 1", "threshold", r"$t$ = 6, $\beta$ = 2.83"]
     _, below = rare_events.design_earthquake(closes, scales=SCALES).axes
     assert below.lines[0].get_ydata() == pytest.approx(closing * float(SCALES.length))
     assert below.lines[0].get_xdata()[-1] == pytest.approx(8.0 / 5.0)

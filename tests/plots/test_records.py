@@ -3,14 +3,13 @@
 import jax
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound.plots import suites
 from jaxpound.plots.records import accelerogram, spectra
 from tests.ground.test_scaling import TARGET, scaled
 from tests.ground.test_suite import SUITE
-from tests.plots.runs import legend
+from tests.plots.runs import legend, new_axes
 from tests.refusals import refusals
 
 TIME = np.arange(0, 10, 0.02)
@@ -29,14 +28,14 @@ def test_accelerogram_marks_the_peak_and_axes_say_the_unit_of_time(ax):
     assert "($g$)" in ax.get_ylabel()
     noise = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 200, 0.02, time_unit="s")
     motion = jp.Pulse(0.5, 1.0, 2.0, time_unit="s") + noise.draw(np.ones(200))
-    on_grid = accelerogram(motion, Figure().add_subplot(), jp.TimeGrid(0.01, 500))
+    on_grid = accelerogram(motion, new_axes(), jp.TimeGrid(0.01, 500))
     t, acceleration = on_grid.lines[0].get_data()
     np.testing.assert_allclose(t, 0.01 * np.arange(501))
     np.testing.assert_allclose(acceleration, motion.acceleration(t))
     assert "(s)" in ax.get_xlabel()
     assert "(s)" in on_grid.get_xlabel()
-    time = accelerogram(DIMENSIONLESS, Figure().add_subplot()).get_xlabel()
-    period = spectra({"a": DIMENSIONLESS}, Figure().add_subplot(), [1.0]).get_xlabel()
+    time = accelerogram(DIMENSIONLESS, new_axes()).get_xlabel()
+    period = spectra({"a": DIMENSIONLESS}, new_axes(), [1.0]).get_xlabel()
     assert time == r"time $t$ ($1/\omega_1$)"
     assert period == r"natural period $T$ ($1/\omega_1$)"
 
@@ -65,7 +64,7 @@ def test_spectra_are_the_spectral_accelerations_with_their_mean_and_target(ax):
     assert mark.get_xdata()[0] == 1.0
     assert "10 %" in ax.get_ylabel()
     ax.figure.draw_without_rendering()
-    found, ax = scaled((1e-3, 1e3)), Figure().add_subplot()
+    found, ax = scaled((1e-3, 1e3)), new_axes()
     assert suites.spectra(found, ax) is ax
     *records, mean, target, share = ax.lines
     at = records[0].get_xdata()
@@ -76,7 +75,7 @@ def test_spectra_are_the_spectral_accelerations_with_their_mean_and_target(ax):
     np.testing.assert_allclose(share.get_xdata()[[0, -1]], found.range)
     assert legend(ax) == ["3 records", "their mean", "target", "90 % of it", "period range"]
     ax.figure.draw_without_rendering()
-    ax = suites.spectra(SUITE, Figure().add_subplot(), periods=[0.1, 0.5, 1.0], damping=0.1)
+    ax = suites.spectra(SUITE, new_axes(), periods=[0.1, 0.5, 1.0], damping=0.1)
     np.testing.assert_allclose(ax.lines[0].get_ydata(), SUITE.spectra([0.1, 0.5, 1.0], 0.1)[0])
     assert "10 %" in ax.get_ylabel()
     assert "(s)" in ax.get_xlabel()

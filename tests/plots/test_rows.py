@@ -13,7 +13,7 @@ import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.system import mechanical_system
 from tests.made import STEEL, row_of
-from tests.plots.runs import LAW, legend
+from tests.plots.runs import LAW, legend, new_axes
 from tests.refusals import refused
 
 
@@ -70,8 +70,7 @@ def test_what_is_at_a_link_is_drawn(ax):
         ({"gap": 0.1, "contact": LAW}, [rest, "contact (KelvinVoigt)"], 0, 2),
         ({}, [], 0, 0),
     ):
-        ax.clear()
-        plots.row(row_of((1, 1), (jp.FloorLink(0, 0, **link),)), ax=ax)
+        ax = plots.row(row_of((1, 1), (jp.FloorLink(0, 0, **link),)), ax=new_axes())
         assert legend(ax) == words
         assert sum(line.get_marker() == "s" for line in ax.lines) == dampers
         assert sum(patch.get_facecolor() == orange for patch in ax.patches) == pads
@@ -111,7 +110,6 @@ def test_walls_stand_where_gaps_to_the_ground_close_and_bearings_in_a_pit(legibl
 
 
 def colours(ax):
-    """The colours of the floors of two buildings."""
     return [mpl.colors.to_rgba(colour, 0.25) for colour in ("#0072B2", "#D55E00")]
 
 
@@ -121,10 +119,9 @@ def test_floors_stand_at_their_heights_and_numbers_in_si_have_units(ax):
     middles = [p.get_y() + p.get_height() / 2 for p in slabs]
     np.testing.assert_allclose(middles, [4.0, 7.0, 3.5])
     assert ax.get_ylabel() == "height (m)"
-    ax.clear()
     blocks = [jp.Building.from_period(mass=m, period=0.9, damping_ratio=0.05) for m in (5e5, 4e5)]
     link = jp.FloorLink(0, 0, friction=1e5, gap=0.05)
-    plots.row(jp.Buildings(tuple(blocks), (link,)), ax=ax)
+    ax = plots.row(jp.Buildings(tuple(blocks), (link,)), ax=new_axes())
     words = {text.get_text().replace("m_{1}", "m_1") for text in ax.texts}
     assert {"$m_1$ = 500 t", r"$\mu_{1}$ = 100 kN", r"$\xi_{0,1}$ = 0.05 m"} <= words
 

@@ -19,7 +19,7 @@ import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.style import FIGURE_SIZE, in_house_style
 from tests.made import changed
-from tests.plots.runs import SCALES, collide, legend
+from tests.plots.runs import SCALES, collide, legend, new_axes
 from tests.refusals import refused
 
 PAIRS = [{"structure 1": f"{letter}1", "structure 2": f"{letter}2"} for letter in "xvf"]
@@ -49,10 +49,6 @@ def with_gap(response, initial_gap):
     change = initial_gap - float(response.gap[0])
     demand = changed(response.demand, min_gap=response.demand.min_gap + change)
     return changed(response, gap=response.gap + change, demand=demand)
-
-
-def new_axes():
-    return Figure().add_subplot()
 
 
 OF_CONTACT = plots.contact_force, plots.contact_hysteresis
@@ -90,15 +86,13 @@ def test_hysteresis_is_that_of_the_rods_and_encloses_the_work_of_friction(respon
     expected = [(response.x1, response.f1), (response.x2, response.f2)]
     np.testing.assert_array_equal([line.get_data() for line in ax.lines], expected)
     assert legend(ax) == ["structure 1", "structure 2"]
-    ax.clear()
-    plots.friction_hysteresis(response, ax)
+    ax = plots.friction_hysteresis(response, new_axes())
     slip, force = ax.lines[0].get_data()
     np.testing.assert_array_equal(slip, response.x1 - response.x2)
     area = np.sum((force[1:] + force[:-1]) / 2 * np.diff(slip))
     assert area == pytest.approx(float(response.demand.friction_work), rel=0.02)
-    ax.clear()
     several = dataclasses.replace(response, rods=(*response.rods, response.rods[1]))
-    plots.rod_hysteresis(several, ax)
+    ax = plots.rod_hysteresis(several, new_axes())
     expected = [(response.x1, response.f1), *[(response.x2, response.f2)] * 2]
     np.testing.assert_array_equal([line.get_data() for line in ax.lines], expected)
     assert legend(ax) == ["building 1", "building 2", "rod 2–ground, floor 1"]
@@ -112,8 +106,7 @@ def test_energy_stacks_up_to_the_input(response, collisions, ax):
         np.testing.assert_array_equal(lines[name], getattr(response.energy, name))
     shares = ["friction", "rods", "kinetic"]
     assert_stacked(ax, response.energy, shares)
-    ax.clear()
-    plots.energy(collisions[1], ax)
+    ax = plots.energy(collisions[1], new_axes())
     assert_stacked(ax, collisions[1].energy, [*shares, "contact lost", "contact stored"])
 
 
@@ -261,10 +254,8 @@ def test_paper_figures_and_the_overview_show_what_they_are_called(response, coll
 
 @pytest.fixture(scope="module")
 def batch(response) -> jp.Response:
-    """Three runs: the paper's, one of twice the motion, one with a smaller gap."""
     twice = changed(response, x1=2 * response.x1, x2=2 * response.x2)
-    runs = [response, twice, with_gap(response, 0.5)]
-    return jax.tree.map(lambda *x: np.stack(x), *runs)
+    return jax.tree.map(lambda *x: np.stack(x), response, twice, with_gap(response, 0.5))
 
 
 @pytest.mark.parametrize("draw", DRAWINGS[:-1], ids=NAMES[:-1])
@@ -400,10 +391,9 @@ def test_contact_shows_its_forces_and_instants_and_encloses_what_it_loses(collis
     several = plots.contact_force(collisions, new_axes())
     assert not several.lines
     assert len(several.collections[0].get_paths()) == 2
-    ax.clear()
     # Within the steps too, whose corners would cut off 10 % of it.
     one = collisions[1]
-    plots.contact_hysteresis(one, ax)
+    ax = plots.contact_hysteresis(one, new_axes())
     areas, peaks = [], []
     for loop in ax.lines:
         depth, force = loop.get_data()
@@ -414,12 +404,10 @@ def test_contact_shows_its_forces_and_instants_and_encloses_what_it_loses(collis
     assert ax.get_xlabel() == r"penetration $\delta$ ($g/\omega_1^2$)"
     in_si = plots.contact_hysteresis(jp.Scales(5e5, 7.0).to_si(one)).lines[0].get_data()
     assert in_si[1].max() == pytest.approx(peaks[0] * 5e5 * 9.80665 / 1e6, rel=1e-6)  # MN
-    ax.clear()
-    plots.gap(collisions[1], ax)
+    ax = plots.gap(collisions[1], new_axes())
     marks = [line for line in ax.lines if line.get_label() == "impact"]
     times = [impact.time for impact in collisions[1].impacts()]
     np.testing.assert_array_equal(marks[0].get_xdata(), times)
     np.testing.assert_allclose(np.interp(times, *ax.lines[0].get_data()), 0, atol=5e-3)
     for other in (response, collisions):
-        labels = plots.gap(other, new_axes()).get_legend_handles_labels()[1]
-        assert "impact" not in labels
+        assert "impact" not in plots.gap(other, new_axes()).get_legend_handles_labels()[1]

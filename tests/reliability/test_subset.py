@@ -40,7 +40,6 @@ def scaled():
 
 @pytest.fixture(scope="module")
 def four(scaled):
-    """The event that a peak reaches four standard deviations."""
     return simulated(scaled(4.0), progress=False)
 
 
@@ -167,7 +166,6 @@ def test_runs_that_fail_or_are_all_the_same_and_few_repeats_are_told():
     assert event.probability == pytest.approx(0.015, rel=0.01)  # 1 − 0.05^(1/200)
     words = "in which the largest demands are all the same; the demand stays 1 below"
     assert words in event.warnings[0]
-    # Runs that fail count as safe.
     failing = Plane(2.5, lambda z, values: np.where(z[:, 0] > 1, np.nan, values))
     event = simulated(failing, progress=False)
     assert 0.1 * ndtr(-2.5) < event.probability < ndtr(-2.5)
@@ -186,7 +184,6 @@ def test_runs_that_fail_or_are_all_the_same_and_few_repeats_are_told():
 
 
 LONG = {"demand": "peak_x" + "9" * 3000, "threshold": 1.0}
-
 test_arguments_that_break_a_rule = refusals(
     ({"n": 0}, "n = 0 must be a positive whole number"),
     ({"n": 50}, "p0 n = 5 must be at least 10"),

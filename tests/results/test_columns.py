@@ -37,8 +37,7 @@ def test_a_run_is_a_row_an_instant_in_a_folder_that_is_there(batch, tmp_path):
 
 def test_a_batch_of_runs_has_their_numbers_and_a_batch_of_batches_one_an_axis(batch):
     table = batch.to_pandas()
-    assert table.index.names == ["run", "time"]
-    assert len(table) == 3 * 41
+    assert (table.index.names, len(table)) == (["run", "time"], 3 * 41)
     for i in range(3):
         one = batch[i].to_pandas()
         assert one.index.name == "time"

@@ -45,8 +45,7 @@ def test_columns_of_contact_are_read_back():
     for name, x in BATCH.scalars().items():
         np.testing.assert_array_equal(getattr(again, name), x, err_msg=name)
     (with_law,), (without,) = BATCH.links, pair_demand(np.ones(3)).links
-    mixed = dataclasses.replace(BATCH, links=(without, with_law))
-    scalars = mixed.scalars()
+    scalars = dataclasses.replace(BATCH, links=(without, with_law)).scalars()
     assert "peak_contact_1" not in scalars
     again = jp.Demand.of_columns(scalars, si=False)
     assert again.links[0].peak_contact is None
@@ -75,8 +74,7 @@ def test_a_table_and_a_run_tell_of_impacts(tmp_path):
     shown = repr(SCALES.to_si(BATCH))
     (line,) = (x for x in shown.splitlines() if "first_impact_time" in x)
     assert line.split() == ["first_impact_time", "0.071429", "inf", "inf", "s"]
-    frame = BATCH.to_pandas()
-    np.testing.assert_array_equal(frame["first_impact_time"], NEVER)
+    np.testing.assert_array_equal(BATCH.to_pandas()["first_impact_time"], NEVER)
     BATCH.to_csv(tmp_path / "runs.csv")
     header = (tmp_path / "runs.csv").read_text().partition("\n")[0].split(",")
     read = np.loadtxt(tmp_path / "runs.csv", delimiter=",", skiprows=1)

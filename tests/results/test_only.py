@@ -47,8 +47,7 @@ def test_gaps_of_several_links():
     some = whole.only(("min_gap", "slip_distance_2"))
     assert (some.min_gap, some.slip_distance_2) == (whole.min_gap, whole.slip_distance_2)
     assert some.min_gap_time is some.links[0].slip_distance is None
-    timed = whole.only(["min_gap_time"])
-    assert timed.min_gap_time == whole.min_gap_time
+    assert whole.only(["min_gap_time"]).min_gap_time == whole.min_gap_time
 
 
 test_names_of_no_scalars = refusals(

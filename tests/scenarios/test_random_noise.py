@@ -180,7 +180,6 @@ def test_motions_of_a_site_differentiate_and_are_finite_far_out():
     h = 1e-5 * np.eye(z.size)[1]
     numeric = (draw(z + h) - draw(z - h)) / 2e-5
     assert float(slope[1]) == pytest.approx(float(numeric), rel=1e-5)
-    # Far from the mean, too, a draw is finite.
     for far in (-6.0, 6.0):
         assert np.isfinite(draw(np.append(np.full(6, far), z[6:])))
 
@@ -217,8 +216,7 @@ def test_random_pulses_sums_and_multiples_have_their_numbers_in_studies_and_seco
     assert list(parameter_names(jp.Scenarios(PAPER, both)))[-2:] == ["noise_20", "scale"]
     twice = jp.Pulse(0.1, 2.0, 1.0) + sum([SMALL, jumping, SMALL])
     names = parameter_names(jp.Scenarios(PAPER, twice))
-    assert names[0] == "noise_1_of_2"
-    assert names[-1] == "noise_20_of_4"
+    assert (names[0], names[-1]) == ("noise_1_of_2", "noise_20_of_4")
     assert discrete_coordinates(twice) == (20 + 3,)
     assert isinstance(twice, SumOfDraws)
     assert isinstance(np.float64(2.0) * SMALL, ScaledDraw)
@@ -238,7 +236,6 @@ def test_random_pulses_sums_and_multiples_have_their_numbers_in_studies_and_seco
 
 
 with_ = partial(partial, dataclasses.replace)
-
 test_bad_values_are_named = refusals(
     (lambda: jp.FilteredNoise(3, 20, 0.1), "filter = 3 must be of type Filter"),
     (lambda: jp.FilteredNoise(KT, 1, 0.1), "samples = 1 must be at least 2"),
@@ -271,5 +268,4 @@ test_bad_values_are_named = refusals(
 
 @pytest.mark.usefixtures("small_machine")
 def test_more_samples_than_memory_has_room_for_are_refused():
-    words = "samples = 10,000,000 would take 220 GB of memory"
-    refused(words, jp.FilteredNoise, KT, 10_000_000, 0.1)
+    refused("samples = 10,000,000 would take 220 GB of memo", jp.FilteredNoise, KT, 10_000_000, 0.1)

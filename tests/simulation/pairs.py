@@ -10,7 +10,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
-from tests.simulation.contact.test_flows import LAWS
+from tests.reference import LAWS
 
 GRID = jp.TimeGrid(0.02, 3200)
 SHAKING = jp.Ricker(0.4, [1.25, 2.0, 3.5], [2.5, 3.5, 6.0])

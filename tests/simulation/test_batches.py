@@ -87,7 +87,6 @@ CHUNK_SIZE = "in_chunks: chunk_size = .* must be a positive whole"
 CORES = "use_cores: n = .* must be a positive whole number"
 KEYS = "results of type key<fry> must be numbers"
 OUTSIDE = "in_chunks runs outside jit, vmap and grad"
-
 test_what_makes_no_batch_of_chunks_on_cores_is_refused = pytest.mark.unchecked(
     refusals(
         *((jp.in_chunks, gaps, size, CHUNK_SIZE) for size in (0, -3, 2.5, True, "many")),

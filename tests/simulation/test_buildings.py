@@ -113,7 +113,7 @@ SWEEP = r"of shape \(2,\) must be one number: a sweep is jax\.vmap"
 ROW, STIFF = jp.ShearBuilding((LEFT,)), jp.Building(4e5, [1e7, 2e7], 0.5, 0.1, 0.2)
 HEAVY = jp.Building([4e5, 5e5], 1e7, 0.5, 0.1, 0.2)  # of which the units are
 STRUCTURES, SCALES = jp.dimensionless(LEFT, RIGHT, **DAMPED)
-
+STANDARD = {"building_1": LEFT, "building_2": RIGHT, "record": RECORD, **DAMPED}
 test_bad_arguments_are_named_in_si = pytest.mark.unchecked(
     refusals(
         ({"dt": 1.0}, LIMIT),
@@ -131,13 +131,10 @@ test_bad_arguments_are_named_in_si = pytest.mark.unchecked(
         ({"building_1": ROW}, "building_1 = .* must be of type Building; simulate_row takes them"),
         ({"building_1": STRUCTURES}, NO_BUILDING),
         *(({name: np.ones(2)}, f"{name} {SWEEP}") for name in ("friction_force", "gap", "gravity")),
-        of=lambda changes: jp.simulate_buildings(
-            **{"building_1": LEFT, "building_2": RIGHT, "record": RECORD, **DAMPED} | changes
-        ),
+        of=lambda changes: jp.simulate_buildings(**STANDARD | changes),
         before="^simulate_buildings: ",
     )
 )
-
 
 MOVES = "gap = 5 m should be at most 5 times what the buildings move at an acceleration of 1"
 SOFT = r"contact: stiffness = 10 N/m makes a contact last about 4\.7e"
@@ -197,11 +194,9 @@ test_dimensionless_structures_refuse_a_record_in_seconds = refusals(
     ),
 )
 
-
 OF_ROWS = r"demand: structures = .*; simulate_row takes them, and Buildings\(\(left, right\)"
 OF_FILES = r"ground = .*'mine.at2'.* must have acceleration\(t\).*; read_record reads one"
 MEANT = "must be in seconds, but is in"
-
 test_a_wrong_object_is_told_which_function_wants_it = pytest.mark.unchecked(
     refusals(
         (jp.simulate, LEFT, WAVE, GRID, "simulate: structures = .*; simulate_buildings"),
@@ -214,7 +209,6 @@ BURST = r"Record\('burst'.*"
 SAME_UNIT = rf"^RandomRecord: records\[1\] = {BURST} the same unit of time"
 DEMAND = jax.jit(lambda record: jp.demand(STRUCTURES, record, GRID).min_gap)
 GRADIENT = jax.grad(lambda x: jp.simulate_buildings(x, RIGHT, RECORD, **DAMPED).min_gap)
-
 test_a_wrong_unit_of_time_and_traced_buildings_are_refused = refusals(
     (jp.Ensemble.of, [RECORD, SHAKING], GRID, "Ensemble: grounds must be in one unit of time"),
     (DEMAND, RECORD, r"Record\(\(300,\) samples, time in s\) must be in units of 1/ω1"),

@@ -11,9 +11,8 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.model import parameters
-from tests.reference import convergence_order, load
+from tests.reference import LAWS, convergence_order, load
 from tests.refusals import refused
-from tests.simulation.contact.test_flows import LAWS
 from tests.simulation.pairs import OneOf, in_unit_of_time, padded
 
 CASES = load("contact")["cases"]
@@ -60,7 +59,6 @@ def numbers(case):
 
 
 def pair_of(by, law):
-    """A pair of these numbers."""
     left, right = (jp.ZenerRod(*(by[x] for x in names)) for names in RODS)
     return jp.AdjacentStructures(left, right, *(by[x] for x in ("rho", "eps", "mu", "gap0")), law)
 
@@ -71,7 +69,6 @@ def ground_of(case):
 
 
 def run(case, dt):
-    """Of a case, at a step."""
     ground = padded(ground_of(case), 5)
     return jp.simulate(system_of(case), ground, jp.TimeGrid.until(case["T"], dt=dt))
 

@@ -123,5 +123,4 @@ def test_what_cannot_grow_is_refused():
     ground, pair = jp.paper.ground(), jp.paper.structures()
     refused("growth: structures must have a link with a law of", jp.growth, pair, ground, GRID)
     refused("stability limit", jp.growth, ROW, RECORD, jp.TimeGrid(2.0, 10))
-    made = jp.Growth(*jnp.ones((3, 4)))
-    refused("horizon: uncertainty = 0", made.horizon, 0.0)
+    refused("horizon: uncertainty = 0", jp.Growth(*jnp.ones((3, 4))).horizon, 0.0)

@@ -74,7 +74,6 @@ def test_through_stick_and_slip_the_value_gains_digits():
 
 POUNDING = replace(PAPER, initial_gap=0.3, contact=jp.Newton(0.6))
 ORDER = "extrapolated = True must have order 2"
-
 test_where_it_does_not_hold = refusals(
     (lambda: jp.Scheme(order=1, extrapolated=True), ORDER),
     (lambda: jp.Scheme(jp.Switching(), extrapolated=True), ORDER),

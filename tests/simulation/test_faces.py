@@ -37,8 +37,7 @@ def test_both_faces_are_hit_again_and_again_within_one_step():
         speed, other = restitution * speed, -left if place > 0 else right
         begin, place, time = (place, time), other, time + (left + right) / speed
     position = begin[0] + np.sign(place - begin[0]) * speed * (step - begin[1])
-    assert touches == [3, 2]
-    assert end.log.touches.tolist() == touches
+    assert end.log.touches.tolist() == touches == [3, 2]
     np.testing.assert_allclose(end.closing, [position, -position], rtol=1e-10)
     np.testing.assert_allclose(np.abs(end.velocity), speed, rtol=1e-12)
     assert float(end.lost.sum()) == pytest.approx(1 - speed**2, rel=1e-12)
@@ -51,7 +50,6 @@ def test_the_mirror_image_has_the_faces_of_the_other_side(name):
 
 
 def lost(system, ground):
-    """Energy lost by contact at the step of the grid."""
     demand = jp.demand(system, ground, moats.GRID, only=("contact_work_1", "contact_work_2"))
     return sum(link.contact_work for link in demand.links)
 

@@ -5,8 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import assume, example, given
-from hypothesis import strategies as st
+from hypothesis import assume, example, given, strategies
 
 import jaxpound as jp
 from jaxpound.simulation.coulomb import _events, _outcome, slip_stick
@@ -14,10 +13,10 @@ from jaxpound.simulation.friction import LinkStep, _creep
 from tests.refusals import refusals
 
 H = 0.1
-moderate = st.floats(-2, 2).map(lambda x: round(x, 3))
-step = st.fixed_dictionaries(
-    {"w": moderate.map(lambda x: 0.1 * x) | st.just(0.0), "a": moderate, "a_last": moderate}
-    | {"rho": st.floats(0.1, 5), "mu": st.floats(0, 1).map(lambda x: round(x, 3))}
+moderate = strategies.floats(-2, 2).map(lambda x: round(x, 3))
+step = strategies.fixed_dictionaries(
+    {"w": moderate.map(lambda x: 0.1 * x) | strategies.just(0.0), "a": moderate, "a_last": moderate}
+    | {"rho": strategies.floats(0.1, 5), "mu": strategies.floats(0, 1).map(lambda x: round(x, 3))}
 )
 
 
@@ -62,7 +61,6 @@ def test_event_resolved_is_the_exact_inclusion_within_a_step(case):
     first_pull = (case["a"] + case["a_last"]) / 2
     assume(case["w"] != 0 or abs(first_pull) <= (1 + case["rho"]) * case["mu"])
     slip = slide(jp.EventResolved(), **case)
-    # Friction opposes slip and stays within its bound.
     assert abs(slip.force) <= case["mu"] * (1 + 1e-15)
     assert abs(slip.mean_force) <= case["mu"] + 1e-12
     assert slip.force * slip.velocity_now >= 0
@@ -78,7 +76,7 @@ def test_event_resolved_is_the_exact_inclusion_within_a_step(case):
         assert slip.turn == pytest.approx(slid, abs=1e-5)
 
 
-@given(step, st.integers(0, 3))
+@given(step, strategies.integers(0, 3))
 def test_steps_are_mirrored_continuous_and_of_no_width_stick_where_coulomb_s_law_does(case, which):
     """A change of 1e-7 in any input moves the velocity by what slopes of order 1 allow."""
     mirrored = {**case, "w": -case["w"], "a": -case["a"], "a_last": -case["a_last"]}
@@ -129,10 +127,10 @@ def test_switching_follows_the_paper_s_table():
 
 
 creep = jax.jit(_creep)
-widths = st.sampled_from([1e3, 1.0, 1e-3, 1e-9, 1e-100])
+widths = strategies.sampled_from([1e3, 1.0, 1e-3, 1e-9, 1e-100])
 
 
-@given(push=st.floats(-1e3, 1e3), brake=st.floats(0, 1e3), width=widths)
+@given(push=strategies.floats(-1e3, 1e3), brake=strategies.floats(0, 1e3), width=widths)
 def test_the_creep_equation_is_solved_at_every_width(push, brake, width):
     w = float(creep(push, brake, width))
     assert np.isfinite(w)
@@ -156,8 +154,7 @@ def test_creep_differentiates_by_the_implicit_function_theorem_to_second_order()
 
     slopes = [difference(creep, i) for i in range(3)]
     assert [float(slope) for slope in first(*point)] == pytest.approx(slopes, rel=1e-8)
-    bend = difference(lambda *x: first(*x)[0], 0)
-    assert second(*point) == pytest.approx(bend, rel=1e-7)
+    assert second(*point) == pytest.approx(difference(lambda *x: first(*x)[0], 0), rel=1e-7)
 
 
 def test_no_width_is_unstable():
@@ -211,7 +208,6 @@ def test_the_step_s_derivatives_are_those_of_its_own_formulas():
         # Stops at once (θ near 0) cost the plain derivatives their last digits.
         np.testing.assert_allclose(slopes, plain, rtol=1e-8, atol=1e-8)
         np.testing.assert_allclose(np.median(np.abs(slopes - plain), 0), 0, atol=1e-15)
-    # Second derivatives.
     points = np.stack([*random.normal(size=(3, 1000)), np.abs(random.normal(size=1000))], -1)
     points[:, 0] *= 0.03
     plain = derivatives(formulas, jax.jacfwd, jax.jacfwd)(points)

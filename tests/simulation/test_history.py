@@ -167,7 +167,6 @@ def test_modal_and_full_history_give_the_same_force(n, order):
 
 
 ROD, NINE = jp.ZenerRod(0.5, 1, 2), np.ones(9)
-
 test_bad_input_is_named = pytest.mark.unchecked(
     refusals(
         (lambda: jp.ModalHistory(modes=0), "modes = 0 must be a whole number from 1 to 48"),

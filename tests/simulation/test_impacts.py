@@ -49,7 +49,6 @@ def drawn_run(laws):
 
 
 def struck(contact, gap, **changes):
-    """The paper's pair."""
     return replace(PAPER, contact=contact, initial_gap=gap, **changes).system()
 
 

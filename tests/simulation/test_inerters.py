@@ -27,7 +27,6 @@ def influence(ends):
 
 
 def matrices(inertances):
-    """Mass and stiffness matrix of the three masses with inerters by their ends."""
     mass, stiffness = np.diag(MASSES), np.zeros((3, 3))
     for matrix, elements in ((mass, inertances), (stiffness, RODS)):
         for ends, number in elements.items():
@@ -196,5 +195,4 @@ def test_peaks_of_accelerations_jump_with_the_friction():
 
     (_, peaks), (fine, _) = accelerations(1.0), accelerations(0.05)
     for peak, series in zip(peaks, fine / 0.05**2, strict=True):
-        samples = np.abs(series).max()
-        assert peak == pytest.approx(samples, rel=2e-3)
+        assert peak == pytest.approx(np.abs(series).max(), rel=2e-3)

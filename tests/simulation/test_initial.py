@@ -101,7 +101,6 @@ LAW = jp.KelvinVoigt(stiffness=1e4, restitution=0.6)
 
 
 def struck(contact):
-    """Two equal oscillators with a gap between them."""
     rods = (SPRING, replace(SPRING, ends=(1, jp.GROUND)))
     return jp.System((1.0, 1.0), rods, (jp.Link((0, 1), gap=0.2, contact=contact),))
 
@@ -191,7 +190,6 @@ def test_a_traced_state_that_no_run_can_start_from_gives_nan():
 
 
 energy_of = jax.jit(lambda response: response.energy)
-
 
 STARTS = [((0.0, 0.0), (1.0, -1.0)), ((-0.3, 0.2), (0.0, 0.0)), ((0.1, 0.0), (0.5, 0.2))]
 

@@ -34,8 +34,7 @@ def test_a_loop_is_one_kernel_unless_it_is_differentiated_or_runs_step_by_step()
     assert MARK not in value_and_slope.lower(x).as_text()
     value, slope = value_and_slope(x)
     assert float(slope) == pytest.approx(0.5 / float(value), rel=1e-12)
-    forward = jax.jit(jax.jacfwd(of))
-    assert float(forward(x)) == pytest.approx(float(slope), rel=1e-12)
+    assert float(jax.jit(jax.jacfwd(of))(x)) == pytest.approx(float(slope), rel=1e-12)
 
 
 def test_a_batch_is_none():

@@ -84,7 +84,6 @@ def test_buildings_of_one_storey_are_the_block_and_the_pair():
 
 
 def three():
-    """A row of three of 2, 1 and 2 storeys."""
     left, right = tower(2, (STEEL, RUBBER), 12.0), tower(2, (RUBBER, STEEL), 20.0)
     buildings = left, one_storey(RUBBER, 1.5, 2.5), right
     return jp.Row(buildings, jp.floor_links(buildings, friction=0.05, gap=0.1, contact=LAW))
@@ -128,7 +127,6 @@ def test_derivatives_of_towers_that_collide_are_of_second_order(lower, upper):
 
 
 def mirrored(row):
-    """The same row seen from behind."""
     last = len(row.buildings) - 1
     links = []
     for link in row.links[::-1]:
@@ -268,11 +266,9 @@ def test_derivatives_by_a_damper_that_is_not_there_are_those_of_the_pair():
 def test_bad_input():
     row, pair = three(), jp.paper.structures()
     demand = jp.demand(pair, GROUND, GRID)
-    says = "found has 2 masses; it must be of these structures, .* 5"
-    refused(says, jp.floor_demands, row, demand)
+    refused("has 2 masses; it must be of these structures, .* 5", jp.floor_demands, row, demand)
     house = jp.Building.from_period(1e5, 0.5, 0.05)
-    says = r"buildings must be those .*, of \[1, 1\] floors"
-    refused(says, jp.floor_demands, pair, demand, (house,))
+    refused(r"buildings must be those .*, of \[1, 1\] fl", jp.floor_demands, pair, demand, (house,))
     for floors in (jp.floor_demands(pair, demand), jp.floor_demands(pair, demand, (house, house))):
         with pytest.raises(ValueError, match="drift_ratio: it needs drifts in SI and"):
             _ = floors[0].drift_ratio

@@ -102,7 +102,6 @@ def test_derivatives_are_those_of_central_differences():
 
 ONE_OF_THEM = "strength and ductility must be one of them, not both"
 SHAPES = r"the shapes of periods \(2,\), strength \(3,\) must make one"
-
 test_wrong_spectra_are_refused = refusals(
     (BURST.dimensionless(1.0), 0.5, {"strength": 0.1}, "record = .* must be in seconds"),
     (BURST, 0.5, {}, ONE_OF_THEM),

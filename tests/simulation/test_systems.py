@@ -36,7 +36,6 @@ def storeys(first, materials, stiffness, mass):
 
 
 def two_buildings(n, friction):
-    """Two buildings of n storeys of different rods, with a damper at every floor."""
     left_masses, left = storeys(0, [STEEL, RUBBER] * (n // 2) + [STEEL] * (n % 2), 20.0, 1.0)
     right_masses, right = storeys(n, [RUBBER] * n, 30.0, 0.7)
     links = [jp.Link((i, n + i), friction * (1 + i), 0.5 + 0.1 * i) for i in range(n)]
@@ -104,7 +103,6 @@ def test_a_step_is_stable_up_to_the_limit_of_theory_and_above_it_refused():
 
 
 def bearing(friction, ends=(0, jp.GROUND), rod_ends=(0, jp.GROUND)):
-    """A block on an elastic rod and a sliding bearing."""
     rod = jp.Rod(ELASTIC, 1.0, rod_ends)
     return jp.System((1.0,), (rod,), (jp.Link(ends, friction),))
 

@@ -4,8 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies
 
 from jaxpound.simulation.tally import Peak
 
@@ -27,7 +26,7 @@ def test_the_vertex_of_a_parabola_is_found_also_where_two_samples_tie(samples, l
         assert float(peak(sign * np.array(samples, float))) == pytest.approx(largest, abs=1e-8)
 
 
-@given(st.floats(-1.0, 1.0), st.floats(0.5, 3.0))
+@given(strategies.floats(-1.0, 1.0), strategies.floats(0.5, 3.0))
 def test_the_peak_of_a_parabola_is_exact_wherever_it_lies(place, height):
     t = np.arange(-3, 4)
     assert float(peak(height * (25 - (t - place) ** 2))) == pytest.approx(25 * height, rel=1e-12)

@@ -12,17 +12,10 @@ from jaxpound.store import archive
 from jaxpound.store.archive import DamagedError, opened, write_archive
 from tests.refusals import refused
 
-ARRAYS = {
-    "numbers": np.linspace(0, 1, 5),
-    "table": np.asfortranarray(np.arange(6).reshape(2, 3)),
-    "one": np.array(3),
-    "none": np.zeros((4, 0)),
-    "flags": np.array([True, False]),
-    # Words that NumPy's own savez and load have a meaning for.
-    "file": np.ones(2),
-    "allow_pickle": np.ones(1),
-    "γ of a.b": np.ones(1),
-}
+ARRAYS = {"numbers": np.linspace(0, 1, 5), "table": np.asfortranarray(np.arange(6).reshape(2, 3))}
+ARRAYS |= {"one": np.array(3), "none": np.zeros((4, 0)), "flags": np.array([True, False])}
+# Words that NumPy's own savez and load have a meaning for.
+ARRAYS |= {"file": np.ones(2), "allow_pickle": np.ones(1), "γ of a.b": np.ones(1)}
 
 
 def test_what_was_written_is_read_and_numpy_reads_it_too(tmp_path):

@@ -26,7 +26,6 @@ def columns(start, n):
 
 
 def assert_held(store, chunk, start, n):
-    """A chunk has the columns of its samples."""
     read = store.read(chunk)
     for name, x in columns(start, n).items():
         np.testing.assert_array_equal(read[name], x)
@@ -52,8 +51,7 @@ def test_what_was_written_is_read_and_a_store_grows_and_serves_fewer(store):
     with pytest.raises(DamagedError, match=r"chunk 0 is damaged \(it lacks 'c'"):
         again.read(0, ["c"])
     larger = Store.create(store.folder, IDENTITY, 13, {"notes": None})
-    assert Store(store.folder).n == 13
-    assert Store(store.folder).manifest["notes"] == "mine"
+    assert (Store(store.folder).n, Store(store.folder).manifest["notes"]) == (13, "mine")
     assert [larger.read(k) is not None for k in larger.chunks()] == [True, True, False, False]
     fewer = Store.create(store.folder, IDENTITY, 6, {})
     assert Store(store.folder).n == 13
@@ -146,8 +144,7 @@ def test_folders_in_the_place_of_chunks_other_studies_and_other_things_are_left_
     folder = store.folder.with_name("home")
     folder.mkdir()
     (folder / "thesis.tex").write_text("years of work")
-    words = r"must be empty or hold a manifest.json, but has 'thesis"
-    refused(words, Store.create, folder, IDENTITY, 10, {})
+    refused(r"or hold a manifest.json, but has 'thesis", Store.create, folder, IDENTITY, 10, {})
     assert [p.name for p in folder.iterdir()] == ["thesis.tex"]
 
 
@@ -198,8 +195,7 @@ def test_a_store_that_asks_for_too_much_is_read_by_its_chunks_or_refused(store, 
     """A stray file asks for 2^31 samples; the last chunk, of a smaller study, is not whole then."""
     (store.folder / "samples-2147483648").touch()
     (store.folder / "chunk-999999999.npz").touch()
-    assert Store(store.folder).held() == [0, 1, 2]
-    assert Store(store.folder, 6).held() == [0, 1]
+    assert [Store(store.folder, *n).held() for n in ((), (6,))] == [[0, 1, 2], [0, 1]]
     assert [*dict(Store(store.folder).undamaged(Store(store.folder).held(), ""))] == [0, 1]
     stray = store.folder / "samples-9999999999"
     stray.touch()

@@ -30,7 +30,6 @@ def study(system, **more):
 
 
 def linked(*gaps):
-    """Masses on rods of their own, with a link between each two."""
     masses = range(2 * len(gaps))
     rods = tuple(jp.Rod(STEEL, 1.0, (i, jp.GROUND)) for i in masses)
     links = tuple(jp.Link((2 * i, 2 * i + 1), 0.1, gap) for i, gap in enumerate(gaps))

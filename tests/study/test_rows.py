@@ -108,7 +108,6 @@ def test_parameters_are_correlated_by_building_or_by_a_matrix():
 
 
 FRICTION = {"links.*.friction": jp.LogNormal(0.1, 0.2)}
-
 test_correlations_that_cannot_be_are_named = refusals(
     (FRICTION, 1.0, "correlation = 1 must be above -1 and below 1, with 2 parameters that"),
     (FRICTION, -1.0, "correlation = -1 must be above -1 and below 1"),

@@ -48,7 +48,6 @@ def study(scenarios=RANDOM, n=50, **more):
 
 
 def assert_same(found, expected, rtol=1e-9, atol=1e-12):
-    """All columns of two studies."""
     for name in expected.columns:
         assert_allclose(found[name], expected[name], rtol=rtol, atol=atol, err_msg=name)
 
@@ -119,8 +118,7 @@ def test_answers_in_si_units():
         assert_allclose(si[name], values, rtol=1e-12)
         assert si.moments(name).mean == pytest.approx(float(np.mean(values)))
     assert "(SI)" in repr(si)
-    made = study(LINEAR, 4, scales=scales)
-    assert_allclose(made["pga"], study(LINEAR, 4)["pga"] * 9.80665)
+    assert_allclose(study(LINEAR, 4, scales=scales)["pga"], study(LINEAR, 4)["pga"] * 9.80665)
 
 
 def test_any_object_with_a_dimension_and_a_way_to_realize_will_do():
@@ -229,8 +227,7 @@ def test_a_study_grows_and_serves_fewer_and_makes_a_damaged_chunk_anew(tmp_path)
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    words = r"chunk 1 is damaged \(.*\); run monte_carlo again"
-    refused(words, large.__getitem__, "pga")
+    refused(r"chunk 1 is damaged \(.*\); run monte_carlo again", large.__getitem__, "pga")
     with pytest.warns(UserWarning, match=r"study: chunk 1 is damaged \(.*\); damaged chunks are"):
         half = jp.Study.open(folder)
     assert len(half) == 50 - 16
@@ -362,15 +359,12 @@ test_bad_arguments_are_named = refusals(
     ({"key": jnp.asarray(3.0)}, "must be a whole number or a key"),
     ({"key": jax.random.split(jax.random.key(0))}, "must be a whole number or a key"),
     ({"scheme": "fast"}, "scheme = 'fast' must be of type Scheme"),
-    ({"chunk_size": 2.5}, "chunk_size = 2.5 must be a positive whole number"),
     ({"shard": (0, 2)}, r"shard = \(0, 2\) must be \(i, k\)"),
     ({"shard": (1, 2)}, r"shard = \(1, 2\) must come with a store"),
     ({"scales": 3}, "scales = 3 must be of type Scales"),
     ({"measures": {"pga": lambda s, g: 1.0}}, "'pga' is the name of a demand"),
     ({"measures": {"two": lambda s, g: jnp.ones(2)}}, r"'two' of shape \(2,\) must be one"),
     ({"measures": {"a/b": lambda s, g: 1.0}}, "column 'a/b' must have a name of 1 to 200"),
-    ({"measures": {"a\0": lambda s, g: 1.0}}, r"column 'a\\x00' must have a name"),
-    ({"measures": {3: lambda s, g: 1.0}}, "column 3 must have a name"),
     ({"measures": {"two": 3}}, r"measures\['two'\] = 3 must be a function"),
     ({"shard": (5, 5), "store": "never made"}, r"leave a chunk for each shard: the study has 4"),
     of=lambda change: study(**change),

@@ -34,7 +34,6 @@ def test_indices_of_a_product_are_its_closed_form():
 
 
 ARGUMENTS = {"scenarios": SCENARIOS, "grid": GRID, "n": 4}
-
 test_bad_arguments_are_named = refusals(
     ({"n": 1000}, "n = 1000 must be a power of 2"),
     ({"demand": "gap"}, "demand = 'gap' must be one of min_gap, .*, required_gap"),

@@ -8,10 +8,7 @@ import pytest
 from scipy import stats
 
 import jaxpound as jp
-from jaxpound.study import weighting
-from jaxpound.study.statistics import Moments
-from jaxpound.study.statistics import quantile as plain_quantile
-from jaxpound.study.weighting import Hits
+from jaxpound.study import statistics, weighting
 from tests.refusals import refusals, refused
 from tests.study.test_fragility import BETA, THETA, cloud, coverage, errors_are_scatter, stripes
 from tests.study.test_run import MEDIAN, SIGMA, linear, study, unit
@@ -33,20 +30,20 @@ def test_of_some_samples_that_are_all_the_others_are_not_there():
     some = found.weighted(np.where(those, 2.0, 0.0))
     columns = {name: found[name][those] for name in (*BELOW, "min_gap", "pounds")}
     for name, x in columns.items():
-        mine, of = some.moments(name), Moments.of(x)
+        mine, of = some.moments(name), statistics.Moments.of(x)
         assert mine[3:] == of[3:]
         assert (mine.mean, mine.std) == pytest.approx((of.mean, of.std))
     k, n = np.sum(columns["required_gap"] > 0.5), those.sum()
     exact = stats.binomtest(int(k), int(n)).proportion_ci(method="exact")
     assert some.exceedance("required_gap", 0.5)[:3] == pytest.approx((k / n, *exact))
     assert some.pounding_probability(0.5)[:3] == pytest.approx((k / n, *exact))
-    mine, of = some.required_gap(0.1), plain_quantile(columns["required_gap"], 0.9)
+    mine, of = some.required_gap(0.1), statistics.quantile(columns["required_gap"], 0.9)
     assert mine[:3] == pytest.approx(of[:3], rel=0.01)
     rank = stats.spearmanr(columns["required_gap"], found.points()[those, 0]).statistic
     assert some.correlations()["amplitude"] == pytest.approx(rank)
     np.testing.assert_array_equal(some.weights, np.where(those, 2.0, 0.0))
     rules = some.separation(0.1)
-    u1 = plain_quantile(columns["peak_x1"], 0.9).value
+    u1 = statistics.quantile(columns["peak_x1"], 0.9).value
     assert rules.absolute_sum - u1 == pytest.approx(some.quantile("peak_x2", 0.9).value, rel=0.01)
     assert "weighted" in repr(some)
 
@@ -108,7 +105,7 @@ def test_intervals_cover_rare_probabilities_and_quantiles():
     covered, widths = [], []
     for seed in range(300):
         x, w = draws(200, seed)
-        estimate = Hits.of(x > 3.0, w).estimate(False, 0.9)
+        estimate = weighting.Hits.of(x > 3.0, w).estimate(False, 0.9)
         covered.append(estimate.low <= stats.norm.sf(3) <= estimate.high)
         widths.append(estimate.high / estimate.low)
     assert 0.86 < np.mean(covered) < 0.96
@@ -125,8 +122,8 @@ def test_intervals_cover_rare_probabilities_and_quantiles():
     assert low[:3] == (-high.value, -high.high, -high.low)
     x = np.arange(10.0)
     found = weighting.quantile(x, np.ones(10), 0.9, True)
-    assert found.high == np.inf == plain_quantile(x, 0.9).high
-    none = Hits.of(x > 20, np.ones(10)).estimate(True)
+    assert found.high == np.inf == statistics.quantile(x, 0.9).high
+    none = weighting.Hits.of(x > 20, np.ones(10)).estimate(True)
     assert none[:2] == (0.0, 0.0)
     assert none.high == pytest.approx(stats.beta.ppf(0.975, 1, 10))
 
@@ -149,7 +146,7 @@ def test_a_study_with_weights_needs_no_more_memory():
     """Column by column, part by part: 64 parts of a column that is never whole in memory."""
     found = linear()
     part = np.random.default_rng(0).normal(size=16_384)
-    rows, total = [range(64 * part.size)], Moments.of(part)
+    rows, total = [range(64 * part.size)], statistics.Moments.of(part)
     moments = dict.fromkeys(("pga", "weight", "required_gap"), total._replace(smallest=0.0))
     parts = lambda name: (np.abs(part) for _ in range(64))  # noqa: E731
     large = dataclasses.replace(found, rows=rows, _parts=parts, _moments=moments)
@@ -170,7 +167,7 @@ def test_weights_of_runs_that_failed_do_not_matter():
     parts = {name: np.array(found[name]) for name in found.columns}
     for column in parts.values():
         column[:3] = np.nan
-    moments = {name: Moments.of(x[~np.isnan(x)]) for name, x in parts.items()}
+    moments = {name: statistics.Moments.of(x[~np.isnan(x)]) for name, x in parts.items()}
     some = dataclasses.replace(found, _parts=lambda name: (parts[name],), _moments=moments)
     hazard = jp.HazardCurve([1e-3, 10.0], [1.0, 1e-4])
     weights = hazard.weights(some["pga"], jp.LogNormal(MEDIAN * float(unit().pga), SIGMA))

@@ -20,11 +20,9 @@ def test_random_strengths_make_a_fragility_by_ductility():
     structures = jp.UncertainStructures(BUILDING, {STRENGTH: jp.LogNormal(0.1, 0.3)})
     scenarios = jp.Scenarios(structures, GROUND)
     study = jp.monte_carlo(scenarios, 256, GRID, key=3, progress=False, keep_parameters=True)
-    first = scenarios.realize(study.points()[0])
-    alone = jp.demand(*first, GRID)
+    alone = jp.demand(*scenarios.realize(study.points()[0]), GRID)
     assert study["ductility"][0] == pytest.approx(float(alone.ductility_1), rel=1e-9)
-    never = np.isinf(study["first_yield_time_1"])
-    np.testing.assert_array_equal(never, study["ductility"] < 1)
+    np.testing.assert_array_equal(np.isinf(study["first_yield_time_1"]), study["ductility"] < 1)
     curve = study.fragility("pga", demand="ductility", threshold=2.0)
     assert "P(largest ductility ≥ 2 | im)" in str(curve)
     share = study.exceedance("ductility", 2.0).value

@@ -30,7 +30,6 @@ def test_the_branches_have_the_modulus_of_the_rod():
         found, exact = branches(rod), np.asarray(rod.complex_modulus(omega))
         assert np.abs(found.modulus(omega) / exact - 1).max() < 5e-6
         assert min(found.spring, found.dashpot, *found.weights) > 0
-    # A rod of order 1 is one branch.
     rod = jp.ZenerRod(1.0, 0.1, 0.4)
     exact = np.asarray(rod.complex_modulus(np.logspace(-3, 3, 20)))
     np.testing.assert_allclose(branches(rod).modulus(np.logspace(-3, 3, 20)), exact, rtol=1e-14)

@@ -8,17 +8,11 @@ from benchmarks.verification.case import Case, Curve, Errors, Number
 from benchmarks.verification.cases import CASES
 from benchmarks.verification.equal_error import ratios
 
-CASE = Case(
-    *("A title", "A problem.", "A source."),
-    errors=(
-        Errors("x", (0.2, 0.1), (0.04, 0.01), 1.1, 2.0, (0.01, 0.02)),
-        Errors("v", (0.1,), (0.02,), 2.1),
-    ),
-    numbers=(Number("peak", 2.674, 2.67, 0.005),),
-    curves=(Curve("A panel", "OpenSees, one run", (0.04, 0.01), (0.01, 0.02)),),
-    seconds=3.0,
-    made="by hand",
-)
+OF_X = Errors("x", (0.2, 0.1), (0.04, 0.01), 1.1, 2.0, (0.01, 0.02))
+ERRORS = OF_X, Errors("v", (0.1,), (0.02,), 2.1)
+CURVE = Curve("A panel", "OpenSees, one run", (0.04, 0.01), (0.01, 0.02))
+RESULTS = {"errors": ERRORS, "numbers": (Number("peak", 2.674, 2.67, 0.005),), "curves": (CURVE,)}
+CASE = Case("A title", "A problem.", "A source.", **RESULTS, seconds=3.0, made="by hand")
 
 
 def test_the_page_is_made_of_the_results_on_file():
@@ -36,9 +30,7 @@ def test_a_section_has_problem_source_errors_order_and_time_and_the_figure_a_pan
     assert "| peak | 2.674 | 2.67 | 0.005 |" in section
     for part in ("## A title", "A problem.", "A source.", "The whole case: 3 s"):
         assert part in section
-    # The figure has a panel for each problem.
-    drawing = figure.accuracy_against_time(CASE.curves)
-    (ax,) = drawing.axes
+    (ax,) = figure.accuracy_against_time(CASE.curves).axes
     assert ax.get_title() == "A panel"
     (line,) = ax.lines
     assert list(line.get_xdata()) == [10.0, 20.0]

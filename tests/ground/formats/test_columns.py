@@ -54,15 +54,9 @@ def test_times_may_be_rounded_in_print(write, times):
     assert record.n_samples == n
 
 
-UNEVEN = {
-    "0 .01 .02 .04 .05 .06": 4,
-    "0 .01 .02 .03 .03 .04": 5,
-    "0 .01 .02 .01 .02 .03": 4,
-    "0.000 0.010 0.020 0.032 0.040 0.050": 4,
-    "0.03 0.02 0.01 0.00": 2,
-    "1 1 1 1": 2,
-    "0.00 0.00 0.01 0.01 0.02 0.02": 3,
-}
+UNEVEN = {"0 .01 .02 .04 .05 .06": 4, "0 .01 .02 .03 .03 .04": 5, "0 .01 .02 .01 .02 .03": 4}
+UNEVEN |= {"0.000 0.010 0.020 0.032 0.040 0.050": 4, "0.00 0.00 0.01 0.01 0.02 0.02": 3}
+UNEVEN |= {"0.03 0.02 0.01 0.00": 2, "1 1 1 1": 2}
 NO_HISTORIES = {
     "Time, Arias intensity": "but the header says arias",
     "Time (s), Sa (g)": "but the header says sa",
@@ -76,7 +70,6 @@ NO_HISTORIES = {
 UNEQUAL = {"0 1\n.1 2\n.2\n.3 4\n": 3, "0 1\n.1 2 3\n": 2, "1 2 3\n4 5\n6 7 8\n": 2, "1\n2 3\n": 2}
 COUNTED = "20\n{}" + "".join(f"{0.1 * (-1) ** k}\n" for k in range(20))
 COMMAS = "0,00;0,5\n0,01;0,6\n", "0,00 0,5\n0,01 0,6\n"
-
 test_what_is_no_history_is_refused = files.refusals(
     *((x.replace(" ", " 1\n") + " 1\n", n, "must be uniform") for x, n in UNEVEN.items()),
     *((f"{x}\n0,.1\n1,.2\n2,.1\n", 1, says) for x, says in NO_HISTORIES.items()),

@@ -118,8 +118,6 @@ NOT_KNOWN = {
     **{f"time,{unit}\n0,1\n1,2\n": f"units = '{unit}'" for unit in ("g/10", "m/ms2")},
     **{f"t, NS ({unit})\n0,1\n1,2\n": f"units = '{unit}'" for unit in ("V", "mm")},
 }
-
-
 test_units_of_time_and_of_columns_that_are_not_known_are_refused = files.refusals(
     *((text, 1, re.escape(says)) for text, says in NOT_KNOWN.items())
 )

@@ -43,7 +43,6 @@ HEADERS = [
 ]
 HEADER, ROWS = knet_text().split("Memo.")
 SCALE_LINE = "".join(line + "\n" for line in HEADER.split("\n") if "Scale" in line)
-
 test_knet_headers_that_are_not_understood_and_damaged_files_are_refused = files.refusals(
     *((knet_text(**{name: value}), line, says) for name, value, line, says in HEADERS),
     (SCALE_LINE + ROWS, None, "K-NET header must end", {"dt": 0.01, "units": "gal"}),

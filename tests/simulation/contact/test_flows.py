@@ -16,20 +16,9 @@ from jaxpound.model.contact import with_mass
 from jaxpound.simulation import kernels
 from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.records import SLOTS, Clock, Contact, FlowInput
-from tests.reference import load
+from tests.reference import LAWS, load
 
 COLLISIONS = load("contact")["collisions"]
-LAWS = {
-    "kelvin": lambda k, e: jp.KelvinVoigt(k, e, tension=True),
-    "kelvin_clip": jp.KelvinVoigt,
-    "hertz": lambda k, _: jp.Hertz(k),
-    "hertzdamp": lambda k, e: jp.HertzDamped(k, e, "muthukumar"),
-    "hertzdamp_hc": lambda k, e: jp.HertzDamped(k, e, "hunt-crossley"),
-    "hertzdamp_flores": lambda k, e: jp.HertzDamped(k, e, "ye"),
-    "hertzdamp_exact": jp.HertzDamped,
-    "jankowski": jp.Jankowski,
-    "newton": lambda _, e: jp.Newton(e),
-}
 AT_START = Clock(jnp.zeros(()), jnp.zeros(()), jnp.asarray(False))
 
 

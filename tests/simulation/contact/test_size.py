@@ -26,5 +26,4 @@ PROGRAMS["batch"] = jax.vmap(GRADIENT), BATCH, 12_000
 def test_instructions_of_a_pair_that_pounds(function, structures, most):
     """Operations of the lowered program; before events were a table the gradient had 17,265."""
     program = jax.jit(function).lower(structures).as_text()
-    operations = sum(" = " in line for line in program.splitlines())
-    assert operations < most
+    assert sum(" = " in line for line in program.splitlines()) < most

@@ -1,11 +1,12 @@
-"""Solves the cases of ``moat.json`` anew: links of two faces and dampers, from event to event.
+"""Solves the cases of ``tests/oracles/moat.json`` anew: python -m benchmarks.verification.moat.
 
-Nothing of jaxpound is used. A case is what stands in the file: masses, rods, a link with its left
-and right gap and the law of each face, wavelets, and the numbers by which derivatives are taken.
-Rods are Zener's of order 1, f = K (e + (τx/τf − 1) y) with the elongation e and τf y' = τf e' − y;
-or a power law's, f = K (e − y) with y' = v |f/F|^(1/a) sgn f. So the state is that of an ordinary
-differential equation, which DOP853 integrates from one event to the next: touch and release, the
-end of a clipped force and its largest value, slip and stick, the sign of a power law's force. An
+These are links of two faces and dampers, from event to event. Nothing of jaxpound is used. A case
+is what stands in the file: masses, rods, a link with its left and right gap and the law of each
+face, wavelets, and the numbers by which derivatives are taken. Rods are Zener's of order 1,
+f = K (e + (τx/τf − 1) y) with the elongation e and τf y' = τf e' − y; or a power law's,
+f = K (e − y) with y' = v |f/F|^(1/a) sgn f. So the state is that of an ordinary differential
+equation, which DOP853 integrates from one event to the next: touch and release, the end of a
+clipped force and its largest value, slip and stick, the sign of a power law's force. An
 event is found to rounding, by integration up to each trial. Friction is set-valued. By Newton's law
 a link that approaches more slowly than ``REST`` stays closed. Derivatives are central differences
 of such runs, extrapolated.
@@ -21,10 +22,11 @@ import numpy as np
 from scipy.integrate import DOP853, solve_ivp
 from scipy.optimize import brentq
 
+FILE = Path(__file__).parents[2] / "tests" / "oracles" / "moat.json"
+REFERENCE = json.loads(FILE.read_text())
 ACCURACY = {"rtol": 1e-11, "atol": 1e-14}
 LONGEST = 0.02  # substep, at eight places of which events are looked for
 REST = 1e-9
-END, EVERY = 14.4, 1.2
 APART, PRESSED, CLIPPED, CLOSED = range(4)
 SIDES = (-1, 1)
 """Of the left and the right face."""
@@ -67,6 +69,7 @@ class Flow:
         return SIDES[face] * state[self.i] - self.link["gap"][face]
 
     def speed(self, state, face):
+        """Of approach to a face."""
         return SIDES[face] * state[self.n + self.i]
 
     def raw(self, state, face):
@@ -81,6 +84,7 @@ class Flow:
         return spring + self.damping[face] * rate
 
     def contact(self, state, face):
+        """The force at a face."""
         return self.raw(state, face) if self.modes[face] == PRESSED else 0.0
 
     def rod_force(self, state, r):
@@ -163,7 +167,8 @@ class Run(Flow):
         self.signs = [0] * len(self.rods)
         self.x, self.impacts = [], [[], []]
         self.extremes, self.peaks, self.blows = ([0.0, 0.0] for _ in range(3))
-        for instant in np.arange(1, round(END / EVERY) + 1) * EVERY:
+        end, every = REFERENCE["end"], REFERENCE["every"]
+        for instant in np.arange(1, round(end / every) + 1) * every:
             while self.t < instant:
                 self.advance(instant)
             self.x.append(self.of_masses(self.state[: self.n]).tolist())
@@ -194,6 +199,7 @@ class Run(Flow):
             self.look()
 
     def at(self, begin, state, time):
+        """Get the state at a later time."""
         if time <= begin:
             return state.copy()
         return solve_ivp(self.rates, (begin, time), state, "DOP853", **ACCURACY).y[:, -1]
@@ -245,6 +251,7 @@ class Run(Flow):
             self.slip = -before
 
     def touch(self, face):
+        """Press the face, or rebound from it, or stay closed."""
         speed, law = self.speed(self.state, face), self.link["faces"][face]
         if speed > REST:
             self.impacts[face].append([self.t, speed])
@@ -319,8 +326,6 @@ def rounded(values):
 
 
 if __name__ == "__main__":
-    file = Path(__file__).with_suffix(".json")
-    known = json.loads(file.read_text())
-    cases = {name: rounded(result(case)) for name, case in known["cases"].items()}
-    text = json.dumps(known | {"cases": cases}, separators=(",", ":"))
-    file.write_text(text.replace('},"', '},\n"') + "\n")
+    cases = {name: rounded(result(case)) for name, case in REFERENCE["cases"].items()}
+    text = json.dumps(REFERENCE | {"cases": cases}, separators=(",", ":"))
+    FILE.write_text(text.replace('},"', '},\n"') + "\n")
