@@ -45,12 +45,12 @@ def scans(program):
 
 
 def test_numbers_that_reverse_mode_keeps_of_a_step():
-    """The flow's results, and the state before it; without a second computation of steps twice."""
+    """The flow's results (else flows are computed anew) and the state before, not the rest of it."""
     numbers = []
     for loop in scans(jax.make_jaxpr(GRADIENT)(PAIR).jaxpr):
         taken = loop.invars[loop.params["num_consts"] + loop.params["num_carry"] :]
         numbers.append(sum(math.prod(x.aval.shape) for x in taken) / (GRID.n_steps + 1))
-    assert 20 < max(numbers) < 60
+    assert 45 < max(numbers) < 60
 
 
 def test_reverse_mode_with_checkpoints_is_forward_mode():
