@@ -45,7 +45,7 @@ def scans(program):
 
 
 def test_numbers_that_reverse_mode_keeps_of_a_step():
-    """The flow's results (else flows are computed anew) and the state before, not the rest of it."""
+    """The flow's results, else flows are computed anew, and the state; not the rest of it."""
     numbers = []
     for loop in scans(jax.make_jaxpr(GRADIENT)(PAIR).jaxpr):
         taken = loop.invars[loop.params["num_consts"] + loop.params["num_carry"] :]
