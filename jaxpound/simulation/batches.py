@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from functools import cache, partial
 from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import core
 from jax.custom_batching import custom_vmap
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from jaxpound._checks import count, is_traced
@@ -29,6 +33,9 @@ _CPU_RUNS = 480
 _SMALL = 64
 
 _RUNS = PartitionSpec("runs")
+
+# Whether the runs of a device are traced apart, which JAX does not say inside a traced ``jit``.
+_is_apart = ContextVar("is_apart", default=False)
 
 
 def use_cores(n: int | None = None) -> int:
@@ -158,7 +165,7 @@ def spread(tree: T) -> T:
     their derivatives are then summed over the batch once at the end, and not at every step.
     """
     leaves, structure = jax.tree.flatten(tree)
-    return jax.tree.unflatten(structure, _spread(*leaves))
+    return jax.tree.unflatten(structure, map(_of_no_mesh.bind, _spread(*leaves)))
 
 
 @jax.custom_jvp
@@ -170,6 +177,22 @@ def _spread(*leaves: Any) -> list[Any]:
 def _spread_jvp(primals: Any, tangents: Any) -> Any:
     # Else zero derivatives would be computed at every step.
     return _spread(*primals), list(tangents)
+
+
+def _without_mesh(x: core.ShapedArray) -> core.ShapedArray:
+    if not jax.sharding.get_abstract_mesh().empty:
+        return x
+    return core.ShapedArray(x.shape, x.dtype, weak_type=x.weak_type)
+
+
+# The same array, whose type does not name the mesh on which it lies. So programs that are traced
+# with it can be part of what is done ``on_each_device``.
+_of_no_mesh = Primitive("of_no_mesh")
+_of_no_mesh.def_impl(lambda x: x)
+_of_no_mesh.def_abstract_eval(_without_mesh)
+ad.deflinear(_of_no_mesh, lambda change: [change])
+batching.defvectorized(_of_no_mesh)
+mlir.register_lowering(_of_no_mesh, lambda context, x: [x])
 
 
 @custom_vmap
@@ -192,12 +215,26 @@ def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
     return [jax.lax.with_sharding_constraint(x, split) if o else x for x, o in pairs], in_batch
 
 
-def on_each_device(work: Callable[..., T], *args: Any) -> T:
-    """``work`` of the runs on each device apart: where it looks at runs together, devices wait."""
-    mesh = _mesh_for(jax.tree.leaves(args)[0].shape[0])
+def on_each_device(
+    work: Callable[..., T], *args: Any, size: int, shared: Sequence[bool] | None = None
+) -> T:
+    """``work`` of the runs on each device apart: where it looks at runs together, devices wait.
+
+    ``size`` is that of the batch; ``shared`` says which arguments all of its runs have in common.
+    """
+    mesh = _mesh_for(size)
     if mesh is None:
         return work(*args)
-    local = jax.shard_map(work, mesh=mesh, in_specs=_RUNS, out_specs=_RUNS, check_vma=False)
+    specs = tuple(PartitionSpec() if common else _RUNS for common in shared or [False] * len(args))
+
+    def apart(*args: Any) -> T:
+        token = _is_apart.set(True)
+        try:
+            return work(*args)
+        finally:
+            _is_apart.reset(token)
+
+    local = jax.shard_map(apart, mesh=mesh, in_specs=specs, out_specs=_RUNS, check_vma=False)
     return local(*args)
 
 
@@ -206,7 +243,7 @@ def _mesh_for(size: int) -> Mesh | None:
     chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
     # A program of many processes may have sharded the batch over all of their devices.
     mesh = None if chosen or jax.process_count() > 1 else _mesh()
-    if mesh is None or not jax.sharding.get_abstract_mesh().empty:
+    if mesh is None or _is_apart.get() or not jax.sharding.get_abstract_mesh().empty:
         return None
     return None if size % mesh.size or size < mesh.size * _SMALLEST_SHARE else mesh
 

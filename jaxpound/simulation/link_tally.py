@@ -57,8 +57,15 @@ class ContactTally(NamedTuple):
         """Whether an impact has begun and ended within the last three instants."""
         return (self.since_touch < WINDOW) & (self.since_end < WINDOW)
 
-    def observe(self, seen: ContactMotion, time: jax.Array) -> ContactTally:
-        """Add one step."""
+    def observe(self, seen: ContactMotion | None, time: jax.Array) -> ContactTally:
+        """Add one step, or one without flow (None)."""
+        if seen is None:
+            return self._replace(
+                lost_now=self.lost,
+                stored_now=self.stored,
+                since_touch=self.since_touch + 1,
+                since_end=self.since_end + 1,
+            )
         now, log = seen.result.now, seen.result.log
         begins = (log.touches > 0) & (self.touches == 0)
         return self._replace(

@@ -32,11 +32,11 @@ from jaxpound.model.topology import Topology, elongation, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
 from jaxpound.simulation.batches import spread
+from jaxpound.simulation.contact.group_flows import FLOW
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
 from jaxpound.simulation.starting import AtRest, Displaced, RunStart
 from jaxpound.simulation.state import (
-    FLOW,
     Instant,
     RunState,
     StepConstants,
@@ -60,11 +60,39 @@ class Rollout(NamedTuple):
     start: RunState
     extra: Any
     """The caller's further numbers, cast and spread as all others are."""
-    advance: Callable[[RunState, list[jax.Array], jax.Array, Any], Any]
-    """From the state, the history sums, the step m and its input to the next state, each rod's c_m
-    and the instant t_m."""
+    advance: Callable[..., Any]
+    """From the state, the history sums, the step m, its input, and whether it is ``with_flows``, to
+    the next state, each rod's c_m and the instant t_m."""
     scan: Callable[..., tuple[Any, Any]]
     """``scan_with_history`` of these steps."""
+
+    def observed(
+        self,
+        observe: Callable[[Any, Instant, jax.Array], tuple[Any, Any]],
+        start: Any,
+        segmented: bool = False,
+    ) -> tuple[tuple[RunState, Any], Any]:
+        """The run with ``observe`` at every instant.
+
+        It makes of the last result (at first ``start``), the instant t_m and its number m the next
+        result, and what is stored of the instant. Returns the state and the result at the end, and
+        the series of what was stored.
+        """
+
+        def with_flows(carry: Any, *inputs: Any) -> Any:
+            state, result = carry
+            state, c, now = self.advance(state, *inputs, True)
+            result, stored = observe(result, now, inputs[1])
+            return (state, result), c, stored
+
+        def without_flows(carry: Any, *inputs: Any) -> Any:
+            state, result = carry
+            state, c, now = self.advance(state, *inputs, False)
+            result, stored = observe(result, now, inputs[1])
+            return (state, result), c, (stored, now.needs_flow)
+
+        short = without_flows if self.constants.has_shortcut and not segmented else None
+        return self.scan(with_flows, (self.start, start), segmented=segmented, short=short)
 
     @staticmethod
     def of(
@@ -119,7 +147,13 @@ class Rollout(NamedTuple):
             ends = constants.topology.rods
             starting = Displaced(tuple(elongation(rod, displaced) for rod in ends))
 
-        def advance(state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
+        def advance(
+            state: RunState,
+            sums: list[jax.Array],
+            m: jax.Array,
+            entry: Any,
+            with_flows: bool,
+        ) -> Any:
             time = m.astype(dtype) * dt
             now_and_mean = excitation.at(jnp.maximum(time, 0), entry)
             a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
@@ -136,6 +170,7 @@ class Rollout(NamedTuple):
                 scheme,
                 is_first,
                 is_last,
+                with_flows,
             )
             *after, instant = step(*arguments)
             idle = [state, [zero] * len(sums)]
@@ -143,7 +178,7 @@ class Rollout(NamedTuple):
 
         if constants.may_flow:  # reverse mode then keeps fewer numbers of each step
             kept = jax.checkpoint_policies.save_only_these_names(FLOW)
-            advance = jax.checkpoint(advance, prevent_cse=False, policy=kept)
+            advance = jax.checkpoint(advance, prevent_cse=False, policy=kept, static_argnums=(4,))
 
         scan = partial(
             scan_with_history,
@@ -263,15 +298,14 @@ def _observed_at(
     def observed(grid: TimeGrid, instant: Any) -> tuple[Any, ...]:
         run = Rollout.of(*case, grid, scheme)
 
-        def advance(carry: Any, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
-            state, kept = carry
-            state, c, now = run.advance(state, sums, m, entry)
+        def observe(kept: Any, now: Instant, m: jax.Array) -> tuple[Any, None]:
             seen = observer.of(run.constants, now)
-            kept = jax.tree.map(lambda old, new: jnp.where(m == instant, new, old), kept, seen)
-            return (state, kept), c, None
+            return jax.tree.map(
+                lambda old, new: jnp.where(m == instant, new, old), kept, seen
+            ), None
 
         before = (run.zero,) * observer.size(run.system.topology)
-        (_, kept), _ = run.scan(advance, (run.start, before))
+        (_, kept), _ = run.observed(observe, before)
         return kept
 
     if not scheme.extrapolated:

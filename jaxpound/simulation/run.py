@@ -40,7 +40,7 @@ from jaxpound.simulation.scheme import (
     single_system,
 )
 from jaxpound.simulation.series import StoredSeries, response_of
-from jaxpound.simulation.state import of_all_masses
+from jaxpound.simulation.state import Instant, of_all_masses
 from jaxpound.simulation.tally import Tally
 
 
@@ -242,15 +242,13 @@ def _run(
     run = Rollout.of(structures, ground, grid, scheme, *extra, slots, initial)
     system, zero, temperature, n = run.system, run.zero, run.extra, grid.n_steps
 
-    def advance(carry: Any, sums: list[jax.Array], m: jax.Array, entry: Any) -> Any:
-        state, tally = carry
-        state, c, now = run.advance(state, sums, m, entry)
+    def observe(tally: Tally, now: Instant, m: jax.Array) -> tuple[Tally, StoredSeries | None]:
         tally = tally.observe(now, run.constants, run.starting, grid.dt, m == n, temperature)
-        return (state, tally), c, StoredSeries.of(now, tally) if keep else None
+        return tally, StoredSeries.of(now, tally) if keep else None
 
     closings = [link.closing for link in run.start.links]
-    start = run.start, Tally.start(run.constants, system, zero, temperature is not None, closings)
-    (state, tally), kept = run.scan(advance, start, segmented=keep)
+    start = Tally.start(run.constants, system, zero, temperature is not None, closings)
+    (state, tally), kept = run.observed(observe, start, segmented=keep)
     ends = tuple(None if link.contact is None else link.contact.contact for link in state.links)
     set_valued = scheme.friction.set_valued
     scalars = tally.demand(run.constants, system, ends, set_valued, temperature)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import jax
@@ -23,8 +24,10 @@ from jax import lax
 
 from jaxpound.simulation.history import BLOCK, NEAR, HistorySum
 from jaxpound.simulation.kernels import as_kernel
+from jaxpound.simulation.shortcut import with_shortcut
 
 Advance = Callable[[Any, list[jax.Array], jax.Array, Any], tuple[Any, list[jax.Array], Any]]
+SingleStep = Callable[[Any, Any], tuple[Any, Any]]
 
 
 def _layout(n_steps: int, segmented: bool) -> tuple[int, int, int]:
@@ -49,6 +52,7 @@ def scan_with_history(
     checkpoint: bool = False,
     looped: bool = False,
     kernel: bool = False,
+    short: Advance | None = None,
 ) -> tuple[Any, Any]:
     """``lax.scan`` of advance(carry, sums, m, entry) → (carry, c, out) over m = 0 … n_steps.
 
@@ -60,14 +64,16 @@ def scan_with_history(
     each only. ``looped`` makes the steps of a block a loop of their own instead of writing them out
     one after the other, so that the program of a long step is compiled once; with ``kernel`` that
     loop is one kernel where it can be (``as_kernel``).
+
+    With ``short`` a batch takes a shortcut from this loop (``with_shortcut``): it does what
+    ``advance`` does in steps that need no more, and its out is (out, whether the step needs more).
     """
     segments, segment, idle = _layout(n_steps, segmented or checkpoint)
-    advance = jax.jit(advance)  # traced and differentiated once, not for every step of a block
     kernels = [history.kernel(order, n_steps) for order in orders]
     weights = map(history.near, kernels, orders)
     near = [lax.split(weights_of_rod, (1,) * NEAR) for weights_of_rod in weights]
 
-    def single_step(state: Any, item: Any) -> tuple[Any, Any]:
+    def single_step(advance: Advance, state: Any, item: Any) -> tuple[Any, Any]:
         m, carry, past = state
         far, entry = item
         sums = [
@@ -77,24 +83,21 @@ def scan_with_history(
         carry, new, seen = advance(carry, sums, m, entry)
         return (m + 1, carry, [[*c, now] for c, now in zip(past, new, strict=True)]), seen
 
+    # Derived from the carry, so that it varies over the mesh axes as the carry does (shard_map).
+    zero = 0 * jax.tree.leaves(carry)[0]
+    # A step is traced and differentiated once, not for every step of a block.
+    whole = partial(single_step, jax.jit(advance))
+    steps: Callable[..., Any] = partial(_written_out, whole)
+    if looped:
+        steps = partial(_in_loop, whole, zero, kernel)
+    if short is not None:
+        steps = with_shortcut(steps, partial(_shorter, partial(single_step, jax.jit(short))))
+
     def block(state: Any, entries: Any) -> tuple[Any, Any]:
         start, carry, memories, recent = state  # c_{m0−BLOCK} and on
         of_rods = zip(kernels, memories, strict=True)
         ahead = [history.ahead(kernel, memory, start) for kernel, memory in of_rods]
-        inside = start, carry, recent
-        if looped:
-            window = [[zero] * (NEAR - BLOCK) + c for c in recent]
-            (_, carry, past), out = _in_loop(
-                single_step, (start, carry, window), (ahead, entries), kernel
-            )
-        else:
-            split = [lax.split(far, (1,) * BLOCK) for far in ahead]
-            out = []
-            for i in range(BLOCK):
-                entry = jax.tree.map(lambda x, i=i: x[i], entries)
-                inside, seen = single_step(inside, ([far[i] for far in split], entry))
-                out.append(seen)
-            _, carry, past = inside
+        carry, past, out = steps((start, carry, recent), ahead, entries)
         memories = [
             history.absorb(kernel, memory, start, jnp.stack(c))
             for kernel, memory, c in zip(kernels, memories, recent, strict=True)
@@ -104,8 +107,6 @@ def scan_with_history(
     def run(state: Any, entries: Any) -> tuple[Any, Any]:
         return lax.scan(block, state, entries, length=segment)
 
-    # Derived from the carry, so that it varies over the mesh axes as the carry does (shard_map).
-    zero = 0 * jax.tree.leaves(carry)[0]
     memories = [jax.tree.map(lambda y: y + zero, history.empty(kernel)) for kernel in kernels]
     recent = [[zero] * BLOCK for _ in kernels]
     state = jnp.asarray(-idle), carry, memories, recent
@@ -122,17 +123,41 @@ def scan_with_history(
     return state[1], series
 
 
-def _in_loop(single_step: Callable[..., Any], start: Any, items: Any, kernel: bool) -> Any:
-    """The steps of a block as a loop, with a window of c of constant length."""
+def _written_out(single_step: SingleStep, state: Any, ahead: Any, entries: Any) -> Any:
+    """The steps of a block one after the other: the carry, c until the end, and a list of outs."""
+    split, out = [lax.split(far, (1,) * BLOCK) for far in ahead], []
+    for i in range(BLOCK):
+        entry = jax.tree.map(lambda x, i=i: x[i], entries)
+        state, seen = single_step(state, ([far[i] for far in split], entry))
+        out.append(seen)
+    _, carry, past = state
+    return carry, past, out
+
+
+def _shorter(single_step: SingleStep, state: Any, ahead: Any, entries: Any) -> Any:
+    """The same of shorter steps, with the outs in arrays, and whether any of them needs more."""
+    carry, past, out = _written_out(single_step, state, ahead, entries)
+    seen, needs_more = jax.tree.map(lambda *x: jnp.stack(x), *out)
+    return (carry, [c[-BLOCK:] for c in past], seen), needs_more.any()
+
+
+def _in_loop(
+    single_step: SingleStep, zero: jax.Array, kernel: bool, state: Any, ahead: Any, entries: Any
+) -> Any:
+    """The steps of a block as a loop, with a window of c of constant length, and outs in arrays."""
 
     def slid(state: Any, item: Any) -> tuple[Any, Any]:
         (m, carry, past), seen = single_step(state, item)
         return (m, carry, [c[1:] for c in past]), seen
 
-    def loop(start: Any, items: Any) -> Any:
-        return lax.scan(slid, start, items, length=BLOCK)
+    def loop(state: Any, items: Any) -> Any:
+        return lax.scan(slid, state, items, length=BLOCK)
 
-    return as_kernel(loop, start, items, wanted=kernel)
+    start, carry, recent = state
+    window = [[zero] * (NEAR - BLOCK) + c for c in recent]
+    items = ahead, entries
+    (_, carry, past), out = as_kernel(loop, (start, carry, window), items, wanted=kernel)
+    return carry, [c[-BLOCK:] for c in past], out
 
 
 def _in_blocks(x: jax.Array, segments: int, segment: int, idle: int) -> jax.Array:

@@ -27,10 +27,6 @@ WRITTEN_OUT = 4
 flow, they are a loop, which compiles in a third of the time and runs at most a fifth slower."""
 
 
-FLOW = "local flow"
-"""Name of the results of local flows, which reverse mode keeps where it computes steps anew."""
-
-
 def each(function: Callable[..., Any], *series: Iterable[Any]) -> tuple[Any, ...]:
     """A function of the entries of several series one by one; None where an entry is None."""
     rows = zip(*series, strict=True)
@@ -58,6 +54,13 @@ class StepConstants(NamedTuple):
     def may_flow(self) -> bool:
         """Whether a step may need a local flow."""
         return any(coupled is not None for coupled in self.couplings)
+
+    @property
+    def has_shortcut(self) -> bool:
+        """Whether batches have a shorter program for steps without local flow."""
+        flowing = [coupled for coupled in self.couplings if coupled is not None]
+        always = any(coupled.has_resistance for coupled in flowing)
+        return self.is_kernel and not always
 
     @property
     def is_kernel(self) -> bool:
@@ -114,6 +117,7 @@ class Instant(NamedTuple):
     forces: tuple[jax.Array, ...]  # of the rods
     rods: tuple[RodInstant | None, ...]  # that yield
     links: tuple[LinkInstant, ...]
+    needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
 
 
 def step_constants(system: System, dt: float, order: int, slots: int) -> StepConstants:

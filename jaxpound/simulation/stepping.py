@@ -18,18 +18,17 @@ from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
-from jax.ad_checkpoint import checkpoint_name
 
 from jaxpound.model.topology import GROUND, LinkGroup, elongation, link_groups
 from jaxpound.simulation import state
 from jaxpound.simulation.contact import group as contact_group
-from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep
-from jaxpound.simulation.contact.records import FlowResult
+from jaxpound.simulation.contact.group import ContactState, GroupStep
+from jaxpound.simulation.contact.group_flows import Group, GroupFlow, flows_of, need_flows
 from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.starting import RunStart
-from jaxpound.simulation.state import FLOW, Instant, LinkInstant, LinkState, RunState, StepConstants
+from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
 from jaxpound.simulation.yielding import HysteresisStep, hysteresis_step, moved, observed
 
 
@@ -44,13 +43,14 @@ def step(
     scheme: Scheme,
     is_first: jax.Array,
     is_last: jax.Array,
+    with_flows: bool = True,
 ) -> tuple[RunState, list[jax.Array], Instant]:
     """One step: the state at t_{m+1}, each rod's c_m for its history, and the instant t_m.
 
     c is K τ_x e − τ_f f of a rod, of which its law has a fractional derivative; ``sums`` are the
     history sums S_m of the rods that have one. ``ground`` is u'' at t_m and its mean over the step
     from t_m − h/2 to t_m + h/2; ``is_first`` and ``is_last`` say whether the run starts and ends at
-    t_m, and ``starting`` how it starts.
+    t_m, and ``starting`` how it starts. A step without flows is right where it needs none.
     """
     acceleration, mean_acceleration = ground
     of_run = system  # not of its first step, which may be another
@@ -74,14 +74,15 @@ def step(
     rod_steps = this.rod_steps(sums)
     yielding = [this.yielding(r, length) for r, length in enumerate(elongations)]
     forces, loads, pulls = this.loads(rod_steps, yielding)
-    flows = this.flows(pulls)
+    groups = this.groups(pulls)
+    flows = flows_of(groups) if with_flows else []
     # After a flow the rods take the mean sample, which changes the pull on all links whose masses
     # have these rods.
     if flows:
         rod_steps, yielding = this.with_mean_samples(rod_steps, yielding, flows)
         forces, loads, pulls = this.loads(rod_steps, yielding)
 
-    closings, contacts, motions = this.motions(pulls, flows)
+    closings, contacts, motions = this.motions(pulls, groups, flows)
     free = {
         mass: this.kick_and_drift(mass, loads[mass], motions, closings)
         for mass in range(topology.n_masses)
@@ -121,7 +122,8 @@ def step(
     )
     rods = state.each(observed, system.hysteresis, yielding)
     x_now, v_now = of_free("x_now"), of_free("v_now")
-    instant = Instant(time, acceleration, x_now, v_now, forces, rods, seen)
+    needs_flow = None if with_flows else need_flows(groups)
+    instant = Instant(time, acceleration, x_now, v_now, forces, rods, seen, needs_flow)
     return after, [rod.remembered for rod in rod_steps if rod.remembered is not None], instant
 
 
@@ -132,21 +134,6 @@ class _FreeMass(NamedTuple):
     v: jax.Array
     x_now: jax.Array
     v_now: jax.Array
-
-
-class _GroupFlow(NamedTuple):
-    """A group after its local flow, before the rods take the mean sample."""
-
-    group: LinkGroup
-    coupling: Coupling
-    before: GroupStep
-    result: FlowResult
-    used: jax.Array
-    shift: jax.Array  # of the closings, to their mean sample
-
-    def shift_now(self) -> jax.Array:
-        """Shift of the closings at t_m by what the flow has changed until then."""
-        return jnp.where(self.used, self.result.now.closing - self.before.closing, 0.0)
 
 
 class _Step(NamedTuple):
@@ -195,32 +182,23 @@ class _Step(NamedTuple):
         loads = topology.loads(means)
         return forces, loads, state.link_pulls(system, loads, self.mean_acceleration)
 
-    def flows(self, pulls: list[jax.Array]) -> list[_GroupFlow]:
-        """The groups of links that may touch or share masses, after their local flows."""
+    def groups(self, pulls: list[jax.Array]) -> list[Group]:
+        """The groups of links that may touch or share masses."""
         groups = zip(link_groups(self.system.topology), self.system.couplings, strict=True)
-        steps = [
-            (group, coupled, self._group_step(group, pulls))
+        return [
+            Group(group, coupled, self._group_step(group, pulls))
             for group, coupled in groups
             if coupled is not None
         ]
-        # A flow needs no numbers of the masses, in which groups of one structure would differ.
-        arguments = [(coupled._replace(mass_shares={}), before) for _, coupled, before in steps]
-        results, flows = _map_like(contact_group.run_flow, arguments), []
-        results = checkpoint_name(results, FLOW)
-        for inputs, (result, used) in zip(steps, results, strict=True):
-            before = inputs[2]
-            shift = jnp.where(used, contact_group.mean_sample(result, before) - before.closing, 0.0)
-            flows.append(_GroupFlow(*inputs, result, used, shift))
-        return flows
 
     def with_mean_samples(
-        self, rods: list[RodStep], yielding: list[HysteresisStep | None], flows: list[_GroupFlow]
+        self, rods: list[RodStep], yielding: list[HysteresisStep | None], flows: list[GroupFlow]
     ) -> tuple[list[RodStep], list[HysteresisStep | None]]:
         """The rods at t_m with the positions of masses of a flow replaced."""
         system = self.system
         changed = {mass for flow in flows for mass in flow.coupling.mass_shares}
 
-        def shifts(of_links: Callable[[_GroupFlow], jax.Array]) -> list[Any]:
+        def shifts(of_links: Callable[[GroupFlow], jax.Array]) -> list[Any]:
             by_mass: dict[int, jax.Array] = {}
             for flow in flows:
                 shift = of_links(flow)
@@ -232,7 +210,7 @@ class _Step(NamedTuple):
 
         to_mean = shifts(lambda flow: flow.shift)
         rods, yielding = list(rods), list(yielding)
-        to_now = shifts(_GroupFlow.shift_now) if any(system.hysteresis) else []
+        to_now = shifts(GroupFlow.shift_now) if any(system.hysteresis) else []
         for k, ends in enumerate(system.topology.rods):
             if not changed & {*ends}:
                 continue
@@ -262,10 +240,16 @@ class _Step(NamedTuple):
         )
 
     def motions(
-        self, pulls: Sequence[jax.Array], flows: Sequence[_GroupFlow]
+        self,
+        pulls: Sequence[jax.Array],
+        groups: Sequence[Group],
+        flows: Sequence[GroupFlow],
     ) -> tuple[list[jax.Array], list[ContactState | None], dict[int, LinkMotion]]:
-        """Closings at t_m, contact after the step, and motion of all links under their pulls."""
-        system, is_first = self.system, self.is_first
+        """Closings at t_m, contact after the step, and motion of all links under their pulls.
+
+        Without ``flows`` those of a step in which no group needs one.
+        """
+        system = self.system
         closings = [link.closing for link in self.before.links]
         contacts: list[ContactState | None] = [None] * len(closings)
         motions: dict[int, LinkMotion] = {}
@@ -277,27 +261,51 @@ class _Step(NamedTuple):
             if group.faces:
                 single = jax.tree.map(lambda y: y[None], motions[k])
                 motions |= _by_link(group, contact_group.with_other_faces(single, group.faces))
-        for group, coupled, before, result, used, _ in flows:
-            pull_change = jnp.stack([pulls[k] for k in group.links]) - before.pull
-            before = dataclasses.replace(
-                before, pull=before.pull + pull_change, rise=before.rise + pull_change
+        for n, of_group in enumerate(groups):
+            after = (
+                self._after_flow(flows[n], pulls, motions)
+                if flows
+                else self._without_flow(of_group, motions)
             )
-            if len(group.hanging) == 1:
-                plain = jax.tree.map(lambda *y: jnp.stack(y), *(motions[k] for k in group.links))
-            else:
-                plain = contact_group.motion_without_events(coupled, before)
-                if group.root == GROUND:
-                    plain = self.starting.on_ground(plain, is_first, self.scheme)
-                plain = contact_group.with_other_faces(plain, group.faces)
-            after = contact_group.finish_step(coupled, before, plain, result, used, pull_change)
-            for k, of_link in _by_link(group, after).items():
+            for k, of_link in _by_link(of_group.place, after).items():
                 closings[k], contacts[k], motions[k] = of_link
         for k, link in enumerate(self.before.links):
             of_link = closings[k], contacts[k], motions[k]
             closings[k], contacts[k], motions[k] = self.starting.link(
-                link, of_link, is_first, self.dt
+                link, of_link, self.is_first, self.dt
             )
         return closings, contacts, motions
+
+    def _after_flow(
+        self, flow: GroupFlow, pulls: Sequence[jax.Array], motions: dict[int, LinkMotion]
+    ) -> tuple[jax.Array, ContactState, LinkMotion]:
+        """The links of a group after a step with its flow, under the pulls after it."""
+        place, before = flow.place, flow.before
+        pull_change = jnp.stack([pulls[k] for k in place.links]) - before.pull
+        before = dataclasses.replace(
+            before, pull=before.pull + pull_change, rise=before.rise + pull_change
+        )
+        plain = self._motion_without_flow(Group(place, flow.coupling, before), motions)
+        result = plain, flow.result, flow.used, pull_change
+        return contact_group.finish_step(flow.coupling, before, *result)
+
+    def _without_flow(
+        self, group: Group, motions: dict[int, LinkMotion]
+    ) -> tuple[jax.Array, ContactState, LinkMotion]:
+        """The links of a group after a step that needs no flow."""
+        before, motion = group.before, self._motion_without_flow(group, motions)
+        end = contact_group.closing_without_flow(group.coupling, before, motion)
+        return before.closing, before.state._replace(closing_before=end), motion
+
+    def _motion_without_flow(self, group: Group, motions: dict[int, LinkMotion]) -> LinkMotion:
+        """The closed form of a group's motion; ``motions`` are those of single links."""
+        if len(group.place.hanging) == 1:
+            of_links = (motions[k] for k in group.place.links)
+            return jax.tree.map(lambda *y: jnp.stack(y), *of_links)
+        motion = contact_group.motion_without_events(group.coupling, group.before)
+        if group.place.root == GROUND:
+            motion = self.starting.on_ground(motion, self.is_first, self.scheme)
+        return contact_group.with_other_faces(motion, group.place.faces)
 
     def _slide(self, k: int, pull: jax.Array) -> LinkMotion:
         """Motion of a link that shares no mass, without contact."""
@@ -368,25 +376,3 @@ def _shared(
     k, change = link_groups(topology)[group].links[0], changes[0]
     inverse = system.inverse_masses
     return change * inverse[mass] / state.link_inverse_mass(topology.links[k], inverse)
-
-
-def _map_like(function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
-    """A function of each tuple of arguments; vmap over those of the same structure and shapes.
-
-    Such are links between the floors of two buildings, with contact laws of one class. A local flow
-    takes seconds to compile, here once instead of for every link; at run time a batch is as fast.
-    """
-    groups: dict[Any, list[int]] = {}
-    for n, args in enumerate(arguments):
-        shapes = tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(args))
-        groups.setdefault((jax.tree.structure(args), shapes), []).append(n)
-    results: dict[int, Any] = {}
-    for numbers in groups.values():
-        if len(numbers) == 1:
-            results[numbers[0]] = function(*arguments[numbers[0]])
-            continue
-        stacked = jax.tree.map(lambda *x: jnp.stack(x), *(arguments[n] for n in numbers))
-        batch = jax.vmap(function)(*stacked)
-        for i, n in enumerate(numbers):
-            results[n] = jax.tree.map(lambda x, i=i: x[i], batch)
-    return [results[n] for n in range(len(arguments))]

@@ -103,7 +103,11 @@ class _ObservedInstant(NamedTuple):
                 continue
             tallied = [self.links[k].contact for k in group.links]
             kinks += [contact.is_kink for contact in tallied if contact is not None]
-            touched = [self.now.links[k].motion.contact.result.log.touched > 0 for k in group.links]
+            motions = [self.now.links[k].motion.contact for k in group.links]
+            if motions[0] is None:  # a step without flow
+                reached.append(position)
+                continue
+            touched = [motion.result.log.touched > 0 for motion in motions]
             for n, k in enumerate(group.links[: len(group.hanging)]):
                 link = self.now.links[k]
                 # The closing at its turn in the step, as far as its own change moves the masses.

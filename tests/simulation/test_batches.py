@@ -139,6 +139,9 @@ struck = jax.jit(jax.vmap(impulses)).lower(*batch(64)).compile()
 assert "all-gather" not in struck.as_text()
 results["struck"] = struck(*batch(64))
 results["struck_own"] = inside(jax.vmap(impulses))(*arrays)
+results["struck_chunks"] = jp.in_chunks(impulses, 64)(*arrays)
+def struck_mean(more): return jax.vmap(lambda a, mu: impulses(a, mu + more))(*arrays).mean()
+results["struck_slope"] = jax.jit(jax.grad(struck_mean))(0.0)
 # Of the derivative JAX itself says whether it differs from device to device as the run does.
 def both(a, mu): return jax.jvp(impulses, (a, mu), (1.0, 0.0))
 assert inside(jax.vmap(both)).lower(*arrays).as_text()
@@ -165,7 +168,8 @@ def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
     alone = {"whole": whole, "there": whole, "slope": slope, "mean": slope[1].mean()}
     alone |= {"odd": loop(*batch(33))[0], "chunks": loop(*batch(39))[0]}
     alone["table"] = [loop(np.full(3, x), batch(3)[1])[0] for x in batch(32)[0]]
-    alone["struck"] = alone["struck_own"] = [*map(struck, a, mu)]
+    alone["struck"] = alone["struck_own"] = alone["struck_chunks"] = [*map(struck, a, mu)]
+    alone["struck_slope"] = np.mean([*map(jax.jit(jax.grad(impulses, 1)), a, mu)])
     assert set(alone) == set(two)
     for name, values in alone.items():
         np.testing.assert_allclose(two[name], values, rtol=1e-9, atol=1e-12, err_msg=name)

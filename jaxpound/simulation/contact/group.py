@@ -54,6 +54,11 @@ class Coupling(NamedTuple):
     laws: tuple[Any, ...]  # of contact, for the effective masses, by face
     resistances: tuple[Any, ...]  # by link
 
+    @property
+    def has_resistance(self) -> bool:
+        """Whether a link has friction that grows with the velocity, which needs every flow."""
+        return any(law is not None for law in self.resistances)
+
     def response(
         self, held: jax.Array, pull: jax.Array, prescribed: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
@@ -212,8 +217,8 @@ def motion_without_events(group: Coupling, before: GroupStep) -> LinkMotion:
     return jax.tree.map(lambda x, y: jnp.where(has_friction, x, y), motion, alone._replace(**moved))
 
 
-def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]:
-    """The local flow of a group where it is needed, and whether it was."""
+def is_flow_needed(group: Coupling, before: GroupStep) -> jax.Array:
+    """Whether a group needs the local flow in a step."""
     state, h = before.state, before.dt
     # How far each link can close in the step at most.
     n = len(group.resistances)
@@ -228,9 +233,12 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     needed = (meets & ((state.contact.mode != APART) | (reach >= group.gaps))).any()
     if n > 1:
         needed = needed | ~_is_undisturbed(group, before)
-    has_resistance = any(law is not None for law in group.resistances)
-    if has_resistance:
-        needed = needed | True
+    return needed | group.has_resistance
+
+
+def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]:
+    """The local flow of a group where it is needed, and whether its result is used."""
+    state, h, needed = before.state, before.dt, is_flow_needed(group, before)
     inputs = FlowInput(
         closing=state.closing_before,
         velocity=before.velocity,
@@ -248,7 +256,8 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     result = flow(h, before.slots, needed, inputs, clock, before.faces)
     # A single link that did not touch keeps its closed form.
     touched = ~(result.log.touched == 0).all()  # true for NaN
-    used = needed if n > 1 or has_resistance else needed & touched
+    is_shared = len(group.resistances) > 1 or group.has_resistance
+    used = needed if is_shared else needed & touched
     return result, used
 
 
@@ -299,22 +308,26 @@ def finish_step(
     )
     motion = jax.tree.map(lambda a, b: jnp.where(used, a, b), motion_of_flow, motion_without_flow)
 
-    # Without the flow: the closing at the end from that at t_{m+1}.
-    next_closing = before.closing + h * motion_without_flow.velocity + motion_without_flow.jump
-    held = (motion_without_flow.phase == 0) & (group.frictions > 0)
-    friction = group.frictions * motion_without_flow.phase
-    end, _ = group.response(held[:n], (before.pull + before.rise / 2)[:n], friction[:n])
-    end = seen_by_faces(end, faces)
-    plain_half = next_closing - h / 2 * motion_without_flow.velocity - h**2 / 8 * end
     contact = jax.tree.map(
         lambda a, b: jnp.where(used, a, b),
         ContactState(closing_after, result.contact),
-        state._replace(closing_before=plain_half),
+        state._replace(closing_before=closing_without_flow(group, before, motion_without_flow)),
     )
     motion = motion._replace(
         contact=ContactMotion(jnp.broadcast_to(used, closing_after.shape), result)
     )
     return jnp.where(used, closing_now, before.closing), contact, motion
+
+
+def closing_without_flow(group: Coupling, before: GroupStep, motion: LinkMotion) -> jax.Array:
+    """The closings at the end of a step without flow, from those at t_{m+1}."""
+    n, h = len(group.resistances), before.dt
+    next_closing = before.closing + h * motion.velocity + motion.jump
+    held = (motion.phase == 0) & (group.frictions > 0)
+    friction = group.frictions * motion.phase
+    end, _ = group.response(held[:n], (before.pull + before.rise / 2)[:n], friction[:n])
+    end = seen_by_faces(end, before.faces)
+    return next_closing - h / 2 * motion.velocity - h**2 / 8 * end
 
 
 def _is_undisturbed(group: Coupling, before: GroupStep) -> jax.Array:

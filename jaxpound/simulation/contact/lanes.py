@@ -111,7 +111,7 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
 
     @single.def_vmap
     def batch(size: int, batched: Any, *args: Any) -> Any:
-        out = on_each_device(many, *_repeated(size, batched, args))
+        out = on_each_device(many, *_repeated(size, batched, args), size=size)
         return out, jax.tree.map(lambda _: True, out)
 
     @many.def_vmap
@@ -121,7 +121,7 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
             joined = jax.tree.map(lambda x: x.reshape(size * each, *x.shape[2:]), args)
             return jax.tree.map(lambda x: x.reshape(size, each, *x.shape[1:]), many(*joined))
 
-        out = on_each_device(flat, *_repeated(size, batched, args))
+        out = on_each_device(flat, *_repeated(size, batched, args), size=size)
         return out, jax.tree.map(lambda _: True, out)
 
     return single
@@ -150,18 +150,26 @@ def _in_groups(
     """
     size, places = needed.shape[0], jnp.cumsum(needed)
     width, count = min(width, size), places[-1]
-    method = "compare_all" if size <= _COMPARED else "scan"
 
     def group(carry: Any) -> Any:
         done, out = carry
         # The next lanes that need the work; the group is filled up with copies of its first.
-        numbers = jnp.searchsorted(places, done + 1 + jnp.arange(width), method=method)
+        numbers = next_lanes(places, done, width)
         lanes = jnp.where(numbers < size, numbers, numbers[0])
         of_group = jax.tree.map(lambda x: jnp.take(x, lanes, axis=0, mode="clip"), args)
         columns = jax.vmap(column_of, out_axes=1)(of_group)
         return done + width, work(columns, numbers, count - done, out)
 
     return lax.while_loop(lambda carry: carry[0] < count, group, (0 * count, out))[1]
+
+
+def next_lanes(places: jax.Array, done: jax.Array, width: int) -> jax.Array:
+    """Numbers of the next lanes that need the work; the size of the batch where there are none.
+
+    ``places`` counts those up to each lane, of which some are ``done``.
+    """
+    method = "compare_all" if places.size <= _COMPARED else "scan"
+    return jnp.searchsorted(places, done + 1 + jnp.arange(width), method=method)
 
 
 def _one_by_one(

@@ -1,8 +1,12 @@
 """Contact's programs stay small: LLVM's time grows faster than their length."""
 
+import dataclasses
+import math
+
 import jax
 import jax.numpy as jnp
 import pytest
+from jax.extend.core import jaxprs_in_params
 
 import jaxpound as jp
 from tests.simulation.pairs import GRID
@@ -19,7 +23,8 @@ def smallest_gap(structures):
 
 GRADIENT = jax.value_and_grad(smallest_gap)
 PROGRAMS = {"value": (smallest_gap, PAIR, 4600), "value and gradient": (GRADIENT, PAIR, 11_000)}
-PROGRAMS["batch"] = jax.vmap(GRADIENT), BATCH, 12_000
+PROGRAMS["batch"] = jax.vmap(smallest_gap), BATCH, 8000
+PROGRAMS["batch, value and gradient"] = jax.vmap(GRADIENT), BATCH, 12_000
 
 
 @pytest.mark.parametrize(("function", "structures", "most"), PROGRAMS.values(), ids=PROGRAMS)
@@ -27,3 +32,47 @@ def test_instructions_of_a_pair_that_pounds(function, structures, most):
     """Operations of the lowered program; before events were a table the gradient had 17,265."""
     program = jax.jit(function).lower(structures).as_text()
     assert sum(" = " in line for line in program.splitlines()) < most
+
+
+def scans(program):
+    """The loops over blocks of steps, and all loops inside them."""
+    for step in program.eqns:
+        if step.primitive.name == "scan":
+            yield step
+        for inner in jaxprs_in_params(step.params):
+            yield from scans(inner)
+
+
+def test_numbers_that_reverse_mode_keeps_of_a_step():
+    """The flow's results, else flows are computed anew, and the state; not the rest of it."""
+    numbers = []
+    for loop in scans(jax.make_jaxpr(GRADIENT)(PAIR).jaxpr):
+        taken = loop.invars[loop.params["num_consts"] + loop.params["num_carry"] :]
+        numbers.append(sum(math.prod(x.aval.shape) for x in taken) / (GRID.n_steps + 1))
+    assert 45 < max(numbers) < 60
+
+
+def test_reverse_mode_with_checkpoints_is_forward_mode():
+    def impulse(structures):
+        scheme = jp.Scheme(checkpoint=True)
+        return jp.demand(structures, jp.paper.ground(), GRID, scheme).peak_impulse
+
+    change = jax.tree.map(jnp.ones_like, PAIR)
+    value, slope = jax.jit(lambda x: jax.jvp(impulse, (x,), (change,)))(PAIR)
+    value_again, slopes = jax.jit(jax.value_and_grad(impulse))(PAIR)
+    assert float(value) == pytest.approx(float(value_again), rel=1e-12)
+    assert float(value) > 0
+    assert sum(jax.tree.leaves(slopes)) == pytest.approx(float(slope), rel=1e-9)
+
+
+MODES = {"forward": jax.jacfwd, "reverse": jax.grad}
+
+
+@pytest.mark.parametrize("outer", MODES.values(), ids=MODES)
+@pytest.mark.parametrize("inner", MODES.values(), ids=MODES)
+def test_second_derivatives_are_refused(inner, outer):
+    def gap(friction):
+        return smallest_gap(dataclasses.replace(PAIR, friction=friction))
+
+    with pytest.raises(NotImplementedError, match="second derivatives of a run with contact"):
+        jax.eval_shape(outer(inner(gap)), 0.1)
