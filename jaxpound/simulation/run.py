@@ -251,7 +251,7 @@ def _run(
     (state, tally), kept = run.observed(observe, start, segmented=keep)
     ends = tuple(None if link.contact is None else link.contact.contact for link in state.links)
     set_valued = scheme.friction.set_valued
-    scalars = tally.demand(run.constants, system, ends, set_valued, temperature)
+    scalars = tally.demand(run.constants, system, state, set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
     # leave finite derivatives.
     closings = [link.closing for link in state.links]

@@ -17,7 +17,7 @@ from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.contact.records import Contact, Impacts, is_deformed
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.state import Instant, each, of_all_masses
+from jaxpound.simulation.state import Instant, of_all_masses
 from jaxpound.simulation.tally import Tally
 
 
@@ -61,8 +61,7 @@ class StoredSeries(NamedTuple):
                 impact = jax.tree.map(tuple, log.impacts)
             links.append(entries)
             impacts.append(impact)
-        dissipated = each(lambda rod: rod.dissipated, now.rods)
-        return StoredSeries(now.x, now.v, now.forces, dissipated, tuple(links), tuple(impacts))
+        return StoredSeries(now.x, now.v, now.forces, now.dissipated, tuple(links), tuple(impacts))
 
 
 def response_of(

@@ -16,7 +16,7 @@ from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
-from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, RodInstant
+from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState
 
 IN_KERNEL = 8
 """Rods up to which the steps of a block that may need a local flow are one kernel. Longer kernels
@@ -115,7 +115,7 @@ class Instant(NamedTuple):
     x: tuple[jax.Array | None, ...]
     v: tuple[jax.Array | None, ...]
     forces: tuple[jax.Array, ...]  # of the rods
-    rods: tuple[RodInstant | None, ...]  # that yield
+    dissipated: tuple[jax.Array | None, ...]  # energy, by rods that yield
     links: tuple[LinkInstant, ...]
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
 

@@ -29,7 +29,7 @@ from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.starting import RunStart
 from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
-from jaxpound.simulation.yielding import HysteresisStep, hysteresis_step, moved, observed
+from jaxpound.simulation.yielding import HysteresisConstants, HysteresisStep, hysteresis_step, moved
 
 
 def step(
@@ -120,10 +120,10 @@ def step(
         LinkInstant(s, motions[k].velocity_now, motions[k], inertia.get(k))
         for k, s in enumerate(closings)
     )
-    rods = state.each(observed, system.hysteresis, yielding)
+    dissipated = state.each(HysteresisConstants.dissipated, system.hysteresis, after.yielding)
     x_now, v_now = of_free("x_now"), of_free("v_now")
     needs_flow = None if with_flows else need_flows(groups)
-    instant = Instant(time, acceleration, x_now, v_now, forces, rods, seen, needs_flow)
+    instant = Instant(time, acceleration, x_now, v_now, forces, dissipated, seen, needs_flow)
     return after, [rod.remembered for rod in rod_steps if rod.remembered is not None], instant
 
 

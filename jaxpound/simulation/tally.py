@@ -19,20 +19,28 @@ import jax.numpy as jnp
 from jaxpound._extrema import larger
 from jaxpound.model.dampers import Dashpot
 from jaxpound.model.system import System
-from jaxpound.model.topology import GROUND, Ends, elongation, is_storey, link_groups, load_on
+from jaxpound.model.topology import (
+    GROUND,
+    Ends,
+    Topology,
+    elongation,
+    is_storey,
+    link_groups,
+    load_on,
+)
 from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
-from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.starting import RunStart
 from jaxpound.simulation.state import (
     Instant,
+    RunState,
     StepConstants,
     each,
     inerter_forces,
     of_all_masses,
 )
-from jaxpound.simulation.yielding import HysteresisConstants, RodInstant, time_until
+from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, time_until
 
 
 class Peak(NamedTuple):
@@ -192,52 +200,52 @@ class _ObservedInstant(NamedTuple):
         return load + sum(sign * inertia[k] for k, sign in signs.items() if k in inertia)
 
 
-class RodTally(NamedTuple):
-    """Running values for the scalars of a rod that yields, or of a damper."""
+def _of_masses(topology: Topology) -> list[Ends]:
+    """The ends of displacements of the masses."""
+    return [(mass, GROUND) for mass in range(topology.n_masses)]
 
-    peak: Peak  # of the elongation
-    first: jax.Array  # time of the first yield
-    now: RodInstant
 
-    def observe(
-        self, law: HysteresisConstants, now: RodInstant, peak: Peak, time: jax.Array, dt: float
-    ) -> RodTally:
-        """Add an instant; ``peak`` is that of the elongation with it."""
-        if isinstance(law.law, Dashpot):
-            return RodTally(peak, self.first, now)
-        limit = law.law.yield_displacement
-        yields = (self.peak.largest < limit) & (peak.largest >= limit)
-        # As the parabola through the last three elongations passes the limit.
-        side = jnp.where(now.elongation < 0, -1.0, 1.0).astype(now.elongation.dtype)
-        gain = side * (peak.rise - self.peak.rise)
-        speed = side * peak.rise + gain / 2
-        late, _ = time_until(limit - side * now.elongation, speed, gain)
-        late = jnp.where((late <= 0) & (late >= -1), late, 0.0)
-        return RodTally(peak, jnp.where(yields, time + dt * late, self.first), now)
+def _first_yield(
+    law: HysteresisConstants, first: jax.Array, before: Peak, peak: Peak, time: jax.Array, dt: float
+) -> jax.Array:
+    """When a rod yields first, by the peaks of its elongation until the instant before and now."""
+    if isinstance(law.law, Dashpot):
+        return first
+    limit = law.law.yield_displacement
+    yields = (before.largest < limit) & (peak.largest >= limit)
+    # As the parabola through the last three elongations passes the limit.
+    side = jnp.where(peak.last < 0, -1.0, 1.0).astype(peak.last.dtype)
+    gain = side * (peak.rise - before.rise)
+    speed = side * peak.rise + gain / 2
+    late, _ = time_until(limit - side * peak.last, speed, gain)
+    late = jnp.where((late <= 0) & (late >= -1), late, 0.0)
+    return jnp.where(yields, time + dt * late, first)
 
-    def demand(self, law: HysteresisConstants) -> dict[str, jax.Array]:
-        """The scalars; of a damper its energy alone."""
-        if isinstance(law.law, Dashpot):
-            return {"dissipated_energy": self.now.dissipated}
-        largest, zero = self.peak.largest, 0 * self.peak.largest
-        return {
-            "ductility": largest / law.law.yield_displacement,
-            "residual_drift": jnp.abs(self.now.elongation - self.now.reduced_force),
-            "dissipated_energy": self.now.dissipated,
-            "first_yield_time": self.first,
-            "collapsed": zero + (largest > law.ultimate).astype(zero.dtype),
-        }
+
+def _yield_demands(
+    law: HysteresisConstants, end: HysteresisState, peak: Peak, first: jax.Array
+) -> dict[str, jax.Array]:
+    """The scalars of a rod that yields, with its state at the ``end``; of a damper its energy."""
+    if isinstance(law.law, Dashpot):
+        return {"dissipated_energy": law.dissipated(end)}
+    largest, reduced = peak.largest, law.law.reduced_force(end.elongation, end.of_law)
+    return {
+        "ductility": largest / law.law.yield_displacement,
+        "residual_drift": jnp.abs(peak.last - reduced),
+        "dissipated_energy": law.dissipated(end),
+        "first_yield_time": first,
+        "collapsed": 0 * largest + (largest > law.ultimate).astype(largest.dtype),
+    }
 
 
 class Tally(NamedTuple):
     """Running values for a ``Demand``."""
 
     ground: GroundPeaks
-    x: tuple[Peak, ...]
+    displacements: dict[Ends, Peak]  # of the masses, and between the ends of each rod
     acceleration: tuple[Peak, ...]
     forces: tuple[Peak, ...]  # of the rods
-    drifts: tuple[Peak | None, ...]  # of those between two masses
-    rods: tuple[RodTally | None, ...]  # that yield
+    first_yields: tuple[jax.Array | None, ...]  # times, of rods that yield
     links: tuple[LinkTally, ...]
 
     @staticmethod
@@ -253,7 +261,6 @@ class Tally(NamedTuple):
         ``closings`` are those of all links before the run.
         """
         topology, peak = system.topology, Peak(zero, zero, zero)
-        at_rest = RodInstant(zero, zero, zero)
         counter = jax.lax.stop_gradient(zero)  # numbers of instants have no derivatives
         softly = LogMeanExp(zero, zero, zero) if soft else None
         zeros = ContactTally(*(zero,) * len(ContactTally._fields))
@@ -276,11 +283,10 @@ class Tally(NamedTuple):
         )
         return Tally(
             ground=GroundPeaks(zero, zero, zero, zero),
-            x=(peak,) * topology.n_masses,
+            displacements=dict.fromkeys([*_of_masses(topology), *topology.rods], peak),
             acceleration=(peak,) * topology.n_masses,
             forces=(peak,) * len(topology.rods),
-            drifts=tuple(peak if is_storey(ends) else None for ends in topology.rods),
-            rods=each(lambda _: RodTally(peak, zero + jnp.inf, at_rest), constants.hysteresis),
+            first_yields=each(lambda _: zero + jnp.inf, constants.hysteresis),
             links=links,
         )
 
@@ -309,16 +315,21 @@ class Tally(NamedTuple):
         instant = _ObservedInstant(
             now, x, v, system, dt, smooth, turns, links, last_forces, self.ground.last
         )
-        masses = range(topology.n_masses)
-        peaks = each(instant.displacement, [rod and rod.peak for rod in self.rods], topology.rods)
-        observe_rod = partial(RodTally.observe, time=now.time, dt=dt)
+        masses, before = range(topology.n_masses), self.displacements
+        peaks = {ends: instant.displacement(peak, ends) for ends, peak in before.items()}
+        ends = topology.rods
         observed = Tally(
             ground=self.ground.observe(now.ground_acceleration, dt, now.time <= 0),
-            x=each(instant.displacement, self.x, [(mass, GROUND) for mass in masses]),
+            displacements=peaks,
             acceleration=each(instant.acceleration, self.acceleration, masses),
             forces=each(lambda peak, f: peak.observe(f, smooth), self.forces, now.forces),
-            drifts=each(instant.displacement, self.drifts, topology.rods),
-            rods=each(observe_rod, self.rods, system.hysteresis, now.rods, peaks),
+            first_yields=each(
+                partial(_first_yield, time=now.time, dt=dt),
+                system.hysteresis,
+                self.first_yields,
+                map(before.get, ends),
+                map(peaks.get, ends),
+            ),
             links=links,
         )
         return starting.kept(now.time, self, observed)
@@ -327,11 +338,11 @@ class Tally(NamedTuple):
         self,
         constants: StepConstants,
         system: System,
-        ends: Sequence[Contact | None],
+        state: RunState,
         set_valued: bool,
         temperature: Any,
     ) -> Demand:
-        """The scalars of all instants; ``ends`` are the links' contacts after the last.
+        """The scalars of all instants; ``state`` is that after the last.
 
         ``set_valued`` says that |q| = μ in any slip.
         """
@@ -339,21 +350,25 @@ class Tally(NamedTuple):
             link.friction if set_valued and not link.velocity_friction else None
             for link in system.links
         ]
-        yielded = each(RodTally.demand, self.rods, constants.hysteresis)
-        drifts = each(lambda drift: drift.largest, self.drifts)
+        paths, rods = self.displacements, system.topology.rods
+        peaks = map(paths.get, rods)
+        yielded = each(
+            _yield_demands, constants.hysteresis, state.yielding, peaks, self.first_yields
+        )
+        drifts = [paths[ends].largest if is_storey(ends) else None for ends in rods]
         return Demand(
             masses=tuple(
-                MassDemand(peak_x=x.largest, peak_acceleration=a.largest)
-                for x, a in zip(self.x, self.acceleration, strict=True)
+                MassDemand(peak_x=paths[ends].largest, peak_acceleration=a.largest)
+                for ends, a in zip(_of_masses(system.topology), self.acceleration, strict=True)
             ),
             rods=tuple(
                 RodDemand(peak_force=force.largest, peak_drift=drift, **(more or {}))
                 for force, drift, more in zip(self.forces, drifts, yielded, strict=True)
             ),
             links=tuple(
-                tally.demand(link.gap, end, slip_force, temperature)
+                tally.demand(link.gap, end.contact and end.contact.contact, slip_force, temperature)
                 for tally, link, end, slip_force in zip(
-                    self.links, system.links, ends, slip_forces, strict=True
+                    self.links, system.links, state.links, slip_forces, strict=True
                 )
             ),
             pga=self.ground.largest,

@@ -39,6 +39,10 @@ class HysteresisConstants(NamedTuple):
         """The elongation at which the rod collapses."""
         return getattr(self.law, "ultimate_displacement", np.inf)
 
+    def dissipated(self, state: HysteresisState) -> jax.Array:
+        """Energy that the rod has dissipated."""
+        return self.modulus * self.law.dissipated(state.of_law)
+
     def once(self, tree: Any) -> Any:
         """Numbers that XLA computes once; all but quotients it computes again for each use.
 
@@ -63,14 +67,6 @@ class HysteresisStep(NamedTuple):
     elongation: jax.Array
     lost: jax.Array  # force below the elastic one, K (e − r)
     kink: jax.Array  # what the mean over the kick exceeds it by
-
-
-class RodInstant(NamedTuple):
-    """A rod that yields, as it is observed at an instant."""
-
-    elongation: jax.Array
-    reduced_force: jax.Array  # of its spring, over K
-    dissipated: jax.Array
 
 
 def time_until(room: jax.Array, speed: jax.Array, gain: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -129,14 +125,6 @@ def moved(constants: HysteresisConstants, now: HysteresisStep, sample: jax.Array
     state = constants.law.advance(now.state.of_law, now.state.elongation, e)
     lost = constants.modulus * (sample - constants.law.reduced_force(e, state))
     return now._replace(lost=lost)
-
-
-def observed(constants: HysteresisConstants, now: HysteresisStep) -> RodInstant:
-    """The rod at t_m as a run observes it."""
-    law, state = constants.law, now.state
-    dissipated = constants.modulus * law.dissipated(state.of_law)
-    reduced = law.reduced_force(state.elongation, state.of_law)
-    return RodInstant(now.elongation, reduced, dissipated)
 
 
 def _within(limit: Any, elongation: jax.Array) -> jax.Array:
