@@ -34,7 +34,8 @@ _SMALL = 64
 
 _RUNS = PartitionSpec("runs")
 
-# Whether the runs of a device are traced apart, which JAX does not say inside a traced ``jit``.
+# Whether runs are traced that are not to be spread any more: those of one device, or a group of
+# them. JAX's own mesh does not say so inside a ``jit`` that was traced before.
 _is_apart = ContextVar("is_apart", default=False)
 
 
@@ -185,8 +186,8 @@ def _without_mesh(x: core.ShapedArray) -> core.ShapedArray:
     return core.ShapedArray(x.shape, x.dtype, weak_type=x.weak_type)
 
 
-# The same array, whose type does not name the mesh on which it lies. So programs that are traced
-# with it can be part of what is done ``on_each_device``.
+# The same array, whose type does not name the mesh on which it lies, unless the caller has set one.
+# So programs that are traced with it can be part of what is done ``on_each_device``.
 _of_no_mesh = Primitive("of_no_mesh")
 _of_no_mesh.def_impl(lambda x: x)
 _of_no_mesh.def_abstract_eval(_without_mesh)
@@ -222,10 +223,6 @@ def on_each_device(
 
     ``size`` is that of the batch; ``shared`` says which arguments all of its runs have in common.
     """
-    mesh = _mesh_for(size)
-    if mesh is None:
-        return work(*args)
-    specs = tuple(PartitionSpec() if common else _RUNS for common in shared or [False] * len(args))
 
     def apart(*args: Any) -> T:
         token = _is_apart.set(True)
@@ -234,6 +231,10 @@ def on_each_device(
         finally:
             _is_apart.reset(token)
 
+    mesh = _mesh_for(size)
+    if mesh is None:
+        return apart(*args)
+    specs = tuple(PartitionSpec() if common else _RUNS for common in shared or [False] * len(args))
     local = jax.shard_map(apart, mesh=mesh, in_specs=specs, out_specs=_RUNS, check_vma=False)
     return local(*args)
 

@@ -79,20 +79,15 @@ class Rollout(NamedTuple):
         the series of what was stored.
         """
 
-        def with_flows(carry: Any, *inputs: Any) -> Any:
+        def step(with_flows: bool, carry: Any, *inputs: Any) -> Any:
             state, result = carry
-            state, c, now = self.advance(state, *inputs, True)
+            state, c, now = self.advance(state, *inputs, with_flows)
             result, stored = observe(result, now, inputs[1])
-            return (state, result), c, stored
+            return (state, result), c, stored if with_flows else (stored, now.needs_flow)
 
-        def without_flows(carry: Any, *inputs: Any) -> Any:
-            state, result = carry
-            state, c, now = self.advance(state, *inputs, False)
-            result, stored = observe(result, now, inputs[1])
-            return (state, result), c, (stored, now.needs_flow)
-
-        short = without_flows if self.constants.has_shortcut and not segmented else None
-        return self.scan(with_flows, (self.start, start), segmented=segmented, short=short)
+        short = partial(step, False) if self.constants.has_shortcut and not segmented else None
+        start = self.start, start
+        return self.scan(partial(step, True), start, segmented=segmented, short=short)
 
     @staticmethod
     def of(
@@ -300,9 +295,8 @@ def _observed_at(
 
         def observe(kept: Any, now: Instant, m: jax.Array) -> tuple[Any, None]:
             seen = observer.of(run.constants, now)
-            return jax.tree.map(
-                lambda old, new: jnp.where(m == instant, new, old), kept, seen
-            ), None
+            kept = jax.tree.map(lambda old, new: jnp.where(m == instant, new, old), kept, seen)
+            return kept, None
 
         before = (run.zero,) * observer.size(run.system.topology)
         (_, kept), _ = run.observed(observe, before)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from operator import or_
 from typing import Any
 
 import jax
@@ -21,8 +22,9 @@ from jax.custom_derivatives import SymbolicZero
 from jaxpound.simulation.batches import on_each_device
 from jaxpound.simulation.contact.lanes import next_lanes
 
-_GROUP = 64
-"""Runs of a group: so many take hardly longer than a few."""
+_SMALLEST, _MOST_GROUPS = 64, 8
+"""Runs of a group at least: so many take hardly longer than a few. And groups of a batch at most,
+as each of them reads and writes the results of all runs."""
 
 
 def with_shortcut(
@@ -30,22 +32,24 @@ def with_shortcut(
 ) -> Callable[..., Any]:
     """``whole``, a function of pytrees of arrays, that takes a shortcut in a batch.
 
-    ``short`` returns what ``whole`` does where that is not needed, and whether it is needed. A
-    single run and all derivatives are computed by ``whole``.
+    ``short`` returns the results of ``whole``, which are right unless the run needs ``whole``, and
+    whether it does. A single run and all derivatives are computed by ``whole``.
     """
 
     def function(*args: Any) -> Any:
         program, shapes = jax.make_jaxpr(whole, return_shape=True)(*args)
         shorter = jax.make_jaxpr(short)(*args)
-        n, outside = len(program.consts), [*program.consts, *shorter.consts]
-        inputs = slice(len(outside), None)
+        n, end = len(program.consts), len(program.consts) + len(shorter.consts)
+        # All that they use of the outside is among their arguments, and they hold none of it.
+        of_whole, of_short = program.jaxpr, shorter.jaxpr
 
         def all_of_it(*values: Any) -> list[Any]:
-            return core.eval_jaxpr(program.jaxpr, values[:n], *values[inputs])
+            return core.eval_jaxpr(of_whole, values[:n], *values[end:])
 
         def part_of_it(*values: Any) -> list[Any]:
-            return core.eval_jaxpr(shorter.jaxpr, values[n : len(outside)], *values[inputs])
+            return core.eval_jaxpr(of_short, values[n:end], *values[end:])
 
+        outside = *program.consts, *shorter.consts
         results = _in_batches(all_of_it, part_of_it, *outside, *jax.tree.leaves(args))
         return jax.tree.unflatten(jax.tree.structure(shapes), results)
 
@@ -61,14 +65,36 @@ def _in_batches(whole: Callable[..., Any], short: Callable[..., Any], *values: A
         axes, shared = [0 if differs else None for differs in batched], [not x for x in batched]
         whole_batch, short_batch = jax.vmap(whole, axes), jax.vmap(short, axes)
 
-        def program(*values: Any) -> list[Any]:
+        def on_device(*values: Any) -> list[Any]:
             *results, needed = short_batch(*values)
             return _replaced(whole_batch, needed, shared, values, results)
 
-        results = on_each_device(program, *values, size=size, shared=shared)
+        @custom_vmap
+        def runs(*values: Any) -> list[Any]:
+            return on_each_device(on_device, *values, size=size, shared=shared)
+
+        @runs.def_vmap
+        def batch_of_batches(n: int, outer: Sequence[bool], *values: Any) -> Any:
+            joined = [
+                _joined(n, size, x, *differs)
+                for x, *differs in zip(values, outer, batched, strict=True)
+            ]
+            results, are_batched = batch(n * size, [*map(or_, outer, batched)], *joined)
+            return [x.reshape(n, size, *x.shape[1:]) for x in results], are_batched
+
+        results = runs(*values)
         return results, [True] * len(results)
 
     return single(*values)
+
+
+def _joined(n: int, size: int, x: Any, in_outer: bool, in_inner: bool) -> Any:
+    """A number of n batches as that of one batch of all of their runs, if it differs in any."""
+    if not (in_outer or in_inner):
+        return x
+    x = x if in_outer else x[None]
+    x = x if in_inner else x[:, None]
+    return jnp.broadcast_to(x, (n, size, *x.shape[2:])).reshape(n * size, *x.shape[2:])
 
 
 @partial(_in_batches.defjvp, symbolic_zeros=True)
@@ -92,24 +118,25 @@ def _replaced(
     results: list[Any],
 ) -> list[Any]:
     """The results of a batch with those of the runs that need the ``whole`` replaced by its own."""
-    places = jnp.cumsum(needed)
-    width, idle = min(_GROUP, needed.shape[0]), jnp.argmin(needed)
+    size = needed.shape[0]
+    width = min(max(_SMALLEST, -(-size // _MOST_GROUPS)), size)
 
     def group(state: Any) -> Any:
-        done, results = state
-        numbers = next_lanes(places, done, width)
-        lanes = jnp.where(numbers < needed.shape[0], numbers, idle)
+        needed, results = state
+        places = jnp.cumsum(needed)
+        is_in_group = needed & (places <= width)
+        # Filled up with a run that does not need it, so that its copies take no time.
+        numbers = next_lanes(places, jnp.zeros_like(places[0]), width)
+        lanes = jnp.where(numbers < size, numbers, jnp.argmin(needed))
         of_group = [
             x if common else jnp.take(x, lanes, axis=0, mode="clip")
             for x, common in zip(values, shared, strict=True)
         ]
-        slots = places - 1 - done
-        is_in_group = needed & (slots >= 0) & (slots < width)
 
         def placed(result: jax.Array, of_group: jax.Array) -> jax.Array:
             mask = is_in_group.reshape(-1, *(1,) * (result.ndim - 1))
-            return jnp.where(mask, jnp.take(of_group, slots, axis=0, mode="clip"), result)
+            return jnp.where(mask, jnp.take(of_group, places - 1, axis=0, mode="clip"), result)
 
-        return done + width, [*map(placed, results, whole(*of_group))]
+        return needed & ~is_in_group, [*map(placed, results, whole(*of_group))]
 
-    return lax.while_loop(lambda state: state[0] < places[-1], group, (0 * places[0], results))[1]
+    return lax.while_loop(lambda state: state[0].any(), group, (needed, results))[1]

@@ -57,10 +57,10 @@ class StepConstants(NamedTuple):
 
     @property
     def has_shortcut(self) -> bool:
-        """Whether batches have a shorter program for steps without local flow."""
+        """Whether batches have a shorter program for steps without local flow: on CPUs."""
         flowing = [coupled for coupled in self.couplings if coupled is not None]
         always = any(coupled.has_resistance for coupled in flowing)
-        return self.is_kernel and not always
+        return self.is_kernel and not always and jax.default_backend() == "cpu"
 
     @property
     def is_kernel(self) -> bool:

@@ -43,7 +43,7 @@ def step(
     scheme: Scheme,
     is_first: jax.Array,
     is_last: jax.Array,
-    with_flows: bool = True,
+    with_flows: bool,
 ) -> tuple[RunState, list[jax.Array], Instant]:
     """One step: the state at t_{m+1}, each rod's c_m for its history, and the instant t_m.
 

@@ -113,7 +113,6 @@ class _ObservedInstant(NamedTuple):
             kinks += [contact.is_kink for contact in tallied if contact is not None]
             motions = [self.now.links[k].motion.contact for k in group.links]
             if motions[0] is None:  # a step without flow
-                reached.append(position)
                 continue
             touched = [motion.result.log.touched > 0 for motion in motions]
             for n, k in enumerate(group.links[: len(group.hanging)]):

@@ -139,6 +139,10 @@ struck = jax.jit(jax.vmap(impulses)).lower(*batch(64)).compile()
 assert "all-gather" not in struck.as_text()
 results["struck"] = struck(*batch(64))
 results["struck_own"] = inside(jax.vmap(impulses))(*arrays)
+# One that cannot be divided stays where it is, its groups of 64 runs too.
+odd = jax.jit(jax.vmap(impulses)).lower(*batch(65))
+assert "manual_computation" not in odd.as_text()
+results["struck_odd"] = odd.compile()(*batch(65))
 results["struck_chunks"] = jp.in_chunks(impulses, 64)(*arrays)
 def struck_mean(more): return jax.vmap(lambda a, mu: impulses(a, mu + more))(*arrays).mean()
 results["struck_slope"] = jax.jit(jax.grad(struck_mean))(0.0)
@@ -169,6 +173,7 @@ def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
     alone |= {"odd": loop(*batch(33))[0], "chunks": loop(*batch(39))[0]}
     alone["table"] = [loop(np.full(3, x), batch(3)[1])[0] for x in batch(32)[0]]
     alone["struck"] = alone["struck_own"] = alone["struck_chunks"] = [*map(struck, a, mu)]
+    alone["struck_odd"] = [*map(struck, *batch(65))]
     alone["struck_slope"] = np.mean([*map(jax.jit(jax.grad(impulses, 1)), a, mu)])
     assert set(alone) == set(two)
     for name, values in alone.items():

@@ -1,5 +1,7 @@
 """Batches with a shortcut, and work for those lanes of a batch alone that need it."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 import jaxpound as jp
 from jaxpound.simulation.contact.lanes import where_needed
 from jaxpound.simulation.shortcut import with_shortcut
+from jaxpound.simulation.state import step_constants
 
 SIZES = (1, 63, 64, 65, 200)
 
@@ -48,8 +51,44 @@ def test_a_batch_of_which_no_run_needs_the_whole_program_does_not_run_it():
     x = jnp.asarray([0.0, 0.5, 2.0])
     np.testing.assert_array_equal(jax.vmap(function)(x), [0.0, 0.5, 1002.0])
     assert float(function(0.0)) == 1000.0
-    table = jax.vmap(jax.vmap(function))(jnp.stack([x, x / 4]))
-    np.testing.assert_array_equal(table, [[0.0, 0.5, 1002.0], [0.0, 0.125, 0.5]])
+
+
+def test_a_batch_of_batches_is_one_batch():
+    """Of numbers of the outer batch, of the inner one, of both, and of neither."""
+    function = with_shortcut(lambda x, y, z, w: x + y + z + w + 9.0, lambda x, y, z, w: (x, x > y))
+    x, y, z = jnp.asarray([0.0, 0.5, 2.0]), jnp.asarray([1.0, 0.1]), jnp.arange(6.0).reshape(2, 3)
+    of_rows = jax.vmap(function, (0, None, 0, None))
+    table = jax.jit(jax.vmap(of_rows, (None, 0, 0, None)))(x, y, z, 1.0)
+    a, b = np.asarray(x)[None], np.asarray(y)[:, None]
+    wanted = np.where(a > b, a + b + z + 10.0, a)
+    np.testing.assert_allclose(table, wanted, rtol=1e-15)
+
+
+def test_programs_keep_no_numbers_that_are_being_traced():
+    def scanned(scale, x):
+        function = product_if_needed(scale)[0]
+
+        def step(y, _):
+            return function(y, y, jnp.ones(1))[0]["product"].sum(), None
+
+        return jax.lax.scan(step, x, length=3)[0]
+
+    with jax.checking_leaks():
+        jax.jit(lambda scale: jax.vmap(lambda x: scanned(scale, x))(jnp.ones(3)))(0.3)
+
+
+def test_links_that_need_every_flow_and_long_rows_have_no_shortcut():
+    def has_shortcut(system):
+        numbers = jax.tree.map(jnp.asarray, system)
+        return step_constants(numbers, 0.04, 2, 0).has_shortcut
+
+    system = pair(0.1).system()
+    fast = jp.VelocityFriction(0.1, 1.0)
+    always = dataclasses.replace(system.links[0], velocity_friction=fast)
+    many = dataclasses.replace(system, rods=system.rods * 5)
+    assert has_shortcut(system) == (jax.default_backend() == "cpu")
+    assert not has_shortcut(dataclasses.replace(system, links=(always,)))
+    assert not has_shortcut(many)
 
 
 def test_derivatives_are_those_of_the_whole_program():
