@@ -15,7 +15,6 @@ from jaxpound.cli.files import images, json_text, make_folder, write_files
 from jaxpound.cli.reading import File, Section, between, named
 from jaxpound.cli.structures import Structured, compile_notice
 from jaxpound.cli.tables import FACTOR_ON_RECORD
-from jaxpound.ground.intensity import pga
 from jaxpound.ground.reader import require_possible
 from jaxpound.quantities import MOST_PGA
 from jaxpound.simulation.buildings import record_grid
@@ -64,7 +63,7 @@ def shaking(file: File, ground: RecordSection, record: jp.Record) -> jp.Record:
 
 def of_record(file: File, path: Path, record: jp.Record) -> dict[str, Any]:
     """The record in numbers; a ``ValueError`` if no earthquake is as strong."""
-    peak = float(pga(record))
+    peak = float(jp.pga(record))
     hint = "is [ground] pga or scale right?"
     require_possible(f"{file.name}: record", "PGA", peak, hint)
     duration = float(record.duration)
@@ -79,6 +78,7 @@ def run(args: argparse.Namespace) -> None:
     record = shaking(file, configuration.ground, record)
     in_numbers = of_record(file, args.record, record)
     response = respond(file, configuration, record, strict=args.strict)
+    make_folder(args.out)
 
     if args.config is None:
         print("No --config given: these are the buildings of jaxpound simulate --example-config.")
@@ -94,7 +94,6 @@ def run(args: argparse.Namespace) -> None:
         files["series.csv"] = response.to_csv
     if not layout.is_pair:
         files["floors.csv"] = results.envelope(layout, response)
-    make_folder(args.out)
     write_files(args.out, files | images(_figures(layout, response), args.pdf))
 
 

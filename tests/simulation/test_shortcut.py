@@ -82,12 +82,12 @@ def test_links_that_need_every_flow_and_long_rows_have_no_shortcut():
         numbers = jax.tree.map(jnp.asarray, system)
         return step_constants(numbers, 0.04, 2, 0).has_shortcut
 
-    system = pair(0.1).system()
+    system = chain(0.1)
     fast = jp.VelocityFriction(0.1, 1.0)
     always = dataclasses.replace(system.links[0], velocity_friction=fast)
-    many = dataclasses.replace(system, rods=system.rods * 5)
+    many = dataclasses.replace(system, rods=system.rods * 3)
     assert has_shortcut(system) == (jax.default_backend() == "cpu")
-    assert not has_shortcut(dataclasses.replace(system, links=(always,)))
+    assert not has_shortcut(dataclasses.replace(system, links=(always, system.links[1])))
     assert not has_shortcut(many)
 
 
@@ -144,14 +144,12 @@ RODS = jp.ZenerRod(0.5, 0.05, 0.2), jp.ZenerRod(0.5, 0.05, 0.3)
 LAW = jp.KelvinVoigt(400.0, 0.65)
 
 
-def pair(gap):
-    return jp.AdjacentStructures(*RODS, 0.8, 1.7, 0.1, gap, LAW)
-
-
 def yielding(gap):
-    """Of blocks on rods that yield, whose link has Newton's law."""
-    rods = (jp.Rod(jp.Bilinear(0.2, 0.05), k, (i, jp.GROUND)) for i, k in enumerate((1.0, 1.7)))
-    link = jp.Link((0, 1), friction=0.1, gap=gap, contact=jp.Newton(0.6))
+    """Of blocks on rods that yield, whose link has an inerter, and faces on both sides."""
+    laws = jp.Bilinear(0.2, 0.05), jp.BoucWen(0.3, 0.05)
+    rods = (jp.Rod(laws[i], k, (i, jp.GROUND)) for i, k in enumerate((1.0, 1.7)))
+    gaps, inerter = (gap, 1.5 * gap), jp.Inerter(0.3)
+    link = jp.Link((0, 1), 0.1, gaps, jp.Newton(0.6), inerter=inerter)
     return jp.System((1.0, 0.8), tuple(rods), (link,))
 
 
@@ -163,21 +161,23 @@ def chain(gap):
 
 
 MOVED = jp.InitialState((0.1, 0.0, -0.1), (0.0, 0.2, 0.0))
-STARTS = [(pair, None), (yielding, None), (chain, MOVED)]
+STARTS = [(yielding, None), (chain, MOVED)]
 
 
-@pytest.mark.parametrize(("structures", "initial"), STARTS, ids=["pair", "yielding", "chain"])
+@pytest.mark.parametrize(("structures", "initial"), STARTS, ids=["yielding", "chain"])
 def test_a_batch_of_runs_of_which_few_or_all_pound_is_a_loop(structures, initial):
     ground, grid = jp.Ricker(0.5, (3.0, 2.0), (4.0, 6.0)), jp.TimeGrid(0.04, 300)
 
     def demand(gap):
-        return jp.demand(structures(gap), ground, grid, initial=initial)
+        return jp.demand(structures(gap), ground, grid, temperature=0.1, initial=initial)
 
     def pounding(demand):
         return sum(float(link.n_impacts) for link in demand.links) > 0
 
     single, batch = jax.jit(demand), jax.jit(jax.vmap(demand))
-    required = 5.0 - min(float(link.min_gap) for link in single(5.0).links)
+    rests = np.array([float(link.gap) for link in structures(5.0).system().links])
+    nearest = np.array([float(link.min_gap) for link in single(5.0).links])
+    required = 5.0 * (1 - nearest / rests).max()
     for tightest, widest, share in ((1.01, 2.0, 0.0), (0.95, 2.0, 0.1), (0.3, 0.9, 1.0)):
         gaps = required * np.linspace(tightest, widest, 70)
         results, alone = batch(gaps), [single(gap) for gap in gaps]
