@@ -19,8 +19,8 @@ from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState
 
 IN_KERNEL = 8
-"""Rods up to which the steps of a block that may need a local flow are one kernel. Longer kernels
-take long to compile."""
+"""Rods up to which the steps of a block that may need a local flow are one kernel, and batches of
+them have a shortcut. Longer programs take long to compile."""
 
 WRITTEN_OUT = 4
 """Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
