@@ -166,7 +166,15 @@ def spread(tree: T) -> T:
     their derivatives are then summed over the batch once at the end, and not at every step.
     """
     leaves, structure = jax.tree.flatten(tree)
-    return jax.tree.unflatten(structure, map(_of_no_mesh.bind, _spread(*leaves)))
+    return jax.tree.unflatten(structure, _spread(*leaves))
+
+
+def without_mesh(tree: T) -> T:
+    """The same arrays, whose types do not name the mesh on which they lie, if ``spread`` made it.
+
+    So a program that is traced with them can be part of what is done ``on_each_device``.
+    """
+    return jax.tree.map(_of_no_mesh.bind, tree)
 
 
 @jax.custom_jvp
@@ -186,8 +194,6 @@ def _without_mesh(x: core.ShapedArray) -> core.ShapedArray:
     return core.ShapedArray(x.shape, x.dtype, weak_type=x.weak_type)
 
 
-# The same array, whose type does not name the mesh on which it lies, unless the caller has set one.
-# So programs that are traced with it can be part of what is done ``on_each_device``.
 _of_no_mesh = Primitive("of_no_mesh")
 _of_no_mesh.def_impl(lambda x: x)
 _of_no_mesh.def_abstract_eval(_without_mesh)

@@ -31,7 +31,8 @@ from jaxpound.model.system import Structures, System, gravity_of
 from jaxpound.model.topology import Topology, elongation, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
-from jaxpound.simulation.batches import spread
+from jaxpound.simulation.batches import spread, without_mesh
+from jaxpound.simulation.contact.group import may_flow
 from jaxpound.simulation.contact.group_flows import FLOW
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
@@ -114,9 +115,10 @@ class Rollout(NamedTuple):
         memories = [zener_of(rod.material) for rod in structures.system().rods]
         orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
         series = as_motion(ground).excitation(grid, scheme.order).series
-        structures, ground, extra, initial, series = spread(
-            (structures, ground, extra, initial, series)
-        )
+        numbers = spread((structures, ground, extra, initial, series))
+        if may_flow(structures.system()):
+            numbers = without_mesh(numbers)
+        structures, ground, extra, initial, series = numbers
         system = cast(structures.system())
         dt = grid.dt
 

@@ -26,8 +26,8 @@ import numpy as np
 
 from jaxpound._extrema import larger
 from jaxpound.model.contact import with_mass
-from jaxpound.model.system import Link
-from jaxpound.model.topology import LinkGroup, Topology
+from jaxpound.model.system import Link, System
+from jaxpound.model.topology import LinkGroup, Topology, link_groups
 from jaxpound.simulation.contact import records
 from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.forces import (
@@ -90,6 +90,11 @@ def needs_flow(group: LinkGroup, links: tuple[Link, ...]) -> bool:
     """Whether a group's steps may need the local flow."""
     of_group = [links[k] for k in group.links]
     return len(group.hanging) > 1 or any(x.contact or x.velocity_friction for x in of_group)
+
+
+def may_flow(system: System) -> bool:
+    """Whether steps of a system may need the local flow."""
+    return any(needs_flow(group, system.links) for group in link_groups(system.topology))
 
 
 def coupling(
