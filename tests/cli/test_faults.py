@@ -37,6 +37,7 @@ pga = 0.3 => [ground] must have scale or pga, not both
 scale = 0 => [ground] scale = 0 must not be 0: nothing would shake
 scale -> pga = 0 => [ground] pga = 0 g must be between 1e-06 and 20 g (
 scale = 100 => record: PGA = 39.78 g must be at most 20 g: is [ground] pga or scale right?
+baseline = "cubic" => "none", "mean", "linear"
 friction = "smoothed" => [run] smoothing_velocity must be given
 smoothing_velocity = 1e-3 => [run] smoothing_velocity must be given
 friction = "smoothed" & smoothing_velocity = -1
@@ -44,6 +45,8 @@ friction = "smoothed" & smoothing_velocity = -1
 order = 2 -> order = 3 => [run] order = 3 must be from 1 to 2
 order = 2 -> order = 1.5 => [run] order = 1.5 must be a whole number
 order = 2 -> order = true => [run] order = true must be a whole number
+order = 2 -> order = [2] => [run] order = [2] must be a whole number
+order = 2 -> order = "2" => [run] order = "2" must be a whole number
 order = 2 -> order = inf => [run] order = inf must be a whole number
 dt = 0.5 => [run] dt = 0.5 s must be positive and below the stability limit
 dt = 0 => [run] dt = 0 s must be between 1e-07 and 10 s (
@@ -51,8 +54,10 @@ dt = 0.05 => [run] dt = 0.05 s must be at most the record's, 0.02 s
 duration = 1e9 => [run] duration = 1e+09 s must be between
 duration = 0.01 => [run] duration = 0.01 s must be between
 period = 9e-4 => period = 0.0009 s must be between 0.002 and 60 s (models
+period = 900 => [building_1] period = 900 s must be between 0.002 and 60 s
 period -> stiffness = 1e14 ; tau_f = 1e-3 ; tau_x = 2e-3 ; order = 0.5 & damping -> nothing
     => [building_1] natural period = 0.000
+friction_force = 1e300 => friction_force = 1e+300 N must be between
 scale = 1e44 => [ground] scale = 1e+44 must be between -1000 and 1000
 baseline = "liner" => "linear"; did you mean 'linear'?
 [contact] ; restitution = 0.6 => [contact] lacks the key 'law'
@@ -60,6 +65,7 @@ baseline = "liner" => "linear"; did you mean 'linear'?
     "newton", "kelvin-voigt", "hertz", "hertz-damped", "jankowski"; did you mean 'newton'?
 [contact] ; law = "newton" ; restitution = 1.5
     => [contact] restitution = 1.5 must be between 0.001 and 1 (
+[contact] ; law = "newton" ; restitution = 0.0 => [contact] restitution = 0.0 must be between 0.001
 [contact] ; law = "newton" ; restituton = 0.6
     => [contact] has an unknown key 'restituton'; did you mean 'res
 [contact] ; law = "newton" => [contact] lacks the key 'restitution', which law = "newton" needs
@@ -88,6 +94,7 @@ amplitude = 0.3 => [earthquakes] amplitude = 0.3 must be {normal = [mean
 amplitude = {beta = [1, 2]} => must be {normal = [mean, std]}, {logn
 amplitude = {normal = [1]} => must be {normal = [mean, std]}, {logn
 periods = {uniform = [2, 1]} => [earthquakes] periods: high = 1 s must be finite and above low = 2 s
+amplitude = {uniform = [0.04, 0.01]} => [earthquakes] amplitude: high = 0.01 m must be finite and
 amplitude = {lognormal = [-0.04, 0.2]} => [earthquakes] amplitude: median = -0.04 m must be positive
 amplitude = {unifrom = [1, 2]} => did you mean 'uniform'?
 amplitude = {uniform = [0, nan]} => ; uniform = [0, nan] must be two finite numbers
@@ -103,22 +110,27 @@ friction = { -> frictoin = {uniform = [1, 2]} => has an unknown key 'frictoin'; 
 duration -> nothing => [run] lacks the key 'duration'
 duration = 0.001 => [run] duration = 0.001 s must be between 2 and
 dt = 5.0 => [run] dt = 5 s must be positive and below the stability limit
+samples = 0 => [study] samples = 0 must be from 1 to
 sampling = "halton" => [study] sampling = "halton" must be one of "plain", "sobol"
 periods = {uniform = [1e-6, 2e-6]} => [earthquakes] periods = {uniform = [1e-06, 2e-06]} reaches
     1e-06 s; it must stay between 0.001 and 60 s
+periods = {uniform = [-2, -1]} => reaches -2 s; it must stay between 0.001
 periods = {normal = [1.0, 0.3]}
     => [earthquakes] periods = {normal = [1, 0.3]} reaches -0.426 s once in
 arrivals = {uniform = [20, 30]} => [earthquakes] arrivals = {uniform = [20, 30]} reaches 20 s;
     it must stay between 0 and 12 s (the run
+arrivals = {uniform = [-1, 2]} => reaches -1 s; it must stay between 0
 intensity = {hazard = [[0.1, 1e-3], [0.2, 2e-3]]}
     => [earthquakes] intensity: annual_rate = 0.002 (at index [1]) must be no larger than
 intensity = {hazard = [[0.1, 1e-3], [0.2, 9e-4]]}
     => [earthquakes] intensity = {hazard = [[0.1, 0.001], [0.2, 0.0009]]} reaches 2.
 intensity = {lognormal = [1.0, 21.0]}
     => [earthquakes] intensity = {lognormal = [1, 21]} reaches 2.25e+43 once in
+intensity = {normal = [1.0, 0.5]} => reaches -1.377 once in 1,000,000
 amplitude = {uniform = [10, 40]} => reaches 40 m; it must stay between
 friction = {lognormal = [1.0, 100]} => [uncertain] friction = {lognormal = [1, 100]} reaches
     2.745e+206 once in 1,000,000 draws; it must stay between 0 and 1e+06
+friction = {normal = [0, 1]} => [uncertain] friction = {normal = [0, 1]} reaches -4.753 once in
 stiffness_ratio -> mass_ratio = {lognormal = [1e-7, 0.1]} => [uncertain] mass_ratio = {lognormal
     = [1e-07, 0.1]}, once in 1,000,000 draws: [building_2] mass =
 stiffness_ratio = {uniform = [1.0, 1e6]}
@@ -150,6 +162,7 @@ friction = {low = 0.0, hihg = 5.0} => did you mean 'high'?
 "rod_1.tau_f" = {low = 0.5, high = 1000} => [variables] rod_1.tau_f = 3.7846988 s^order, as
     large as it may be, must be below tau_x = 0.32098712 s^order
 "rod_1.tau_x" = {low = 0.5, high = 1e6} => [building_1] natural per
+goal = "gap" => [objective] goal = "gap" must be one of
 goal = "men gap" => did you mean 'mean gap'?
 share = 0.1 => [objective] share must not be given with goal
 goal = "soft minimum" => [objective] lacks the key 'temperature'
@@ -179,6 +192,7 @@ peak_f1 -> peak_contact = 1e6 => [limits] peak_contact must not be given without
 [contact] ; law = 'newton' ; restitution = 0.65 & friction = { -> contact.restitution = {low =
     0.5, high = 2.0} => [variables] contact.restitution: high = 1.3 must be at most 1
 starts = 0 => [search] starts = 0 must be from 1 to
+earthquakes = 0 => [search] earthquakes = 0 must be from 1 to
 """
 FAULTS["rare"] = r"""
 frequency -> nothing => [earthquakes] lacks the key 'frequency'
@@ -201,6 +215,8 @@ demand = "peak_y" ; threshold = 1 => [limit] unknown demand 'peak_y'
 thresholds = [0.1, -0.1] => [limit] thresholds = -0.1 m must be b
 # gap = -> gap = 0 => [limit] gap = 0 m must be between 1e-09 and 10 m
 demand = "peak_x1" ; threshold = 0 => [limit] threshold = 0 m must be between 1e-09 and 1000 m
+demand = "peak_x1" ; threshold = 1e300 => [limit] threshold = 1e+300 m must be between 1e-09
+acceleration = 0 => [earthquakes] acceleration = 0 g must be between
 cov = 2 => [search] cov = 2 must be between 0.001 and 0.99
 method = "form" => [search] method = "form" must be one of "auto"
 [design] ; probability = 0.1 ; parameter = "fiction"

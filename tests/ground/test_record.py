@@ -61,8 +61,10 @@ BAD_RECORDS = [
     ((1.0, 0.1), r"acceleration of shape \(\)"),
     (([1.0, np.nan], 0.1), r"acceleration = nan \(at index \[1\]\) must be finite"),
     (([1.0, 1j], 0.1), "acceleration = .* must be a real number"),
+    ((None, 0.1), "acceleration = None must be a real number"),
     (([1.0, 2.0], 0.1, 9.81), r"name = 9\.81 must be a string"),
     (([1.0, 2.0], 0.1, "", "ms"), "time_unit = 'ms' must be 's' or '1/ω1'"),
+    (([1.0, 2.0], 0.1, "", None), "time_unit = None must be 's' or '1/ω1'"),
 ]
 BAD_STEPS = [
     (0, "dt = 0 must be positive and finite"),
@@ -71,6 +73,7 @@ BAD_STEPS = [
     (None, "dt = None must be a real number"),
     ([0.1, 0.2], r"dt of shape \(2,\) must be one number"),
     (np.inf, "dt = inf must be positive"),
+    ("1", "dt = '1' must be a real number"),
 ]
 BAD_STEPS_OF_ANOTHER = [
     (2**0.5 / 2, r"dt = 0\.707106.* must be a ratio of whole numbers"),
