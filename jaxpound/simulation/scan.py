@@ -102,7 +102,7 @@ def scan_with_history(
             history.absorb(kernel, memory, start, jnp.stack(c))
             for kernel, memory, c in zip(kernels, memories, recent, strict=True)
         ]
-        return (start + BLOCK, carry, memories, [c[-BLOCK:] for c in past]), out
+        return (start + BLOCK, carry, memories, past), out
 
     def run(state: Any, entries: Any) -> tuple[Any, Any]:
         return lax.scan(block, state, entries, length=segment)
@@ -124,21 +124,21 @@ def scan_with_history(
 
 
 def _written_out(single_step: SingleStep, state: Any, ahead: Any, entries: Any) -> Any:
-    """The steps of a block one after the other: the carry, c until the end, and a list of outs."""
+    """The steps of a block one after the other: the carry, its c, and a list of outs."""
     split, out = [lax.split(far, (1,) * BLOCK) for far in ahead], []
     for i in range(BLOCK):
         entry = jax.tree.map(lambda x, i=i: x[i], entries)
         state, seen = single_step(state, ([far[i] for far in split], entry))
         out.append(seen)
     _, carry, past = state
-    return carry, past, out
+    return carry, [c[-BLOCK:] for c in past], out
 
 
 def _shorter(single_step: SingleStep, state: Any, ahead: Any, entries: Any) -> Any:
     """The same of shorter steps, with the outs in arrays, and whether any of them needs more."""
     carry, past, out = _written_out(single_step, state, ahead, entries)
     seen, needs_more = jax.tree.map(lambda *x: jnp.stack(x), *out)
-    return (carry, [c[-BLOCK:] for c in past], seen), needs_more.any()
+    return (carry, past, seen), needs_more.any()
 
 
 def _in_loop(
