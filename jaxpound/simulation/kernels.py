@@ -45,7 +45,7 @@ ARITHMETIC = {
 _OF_ARRAYS = {
     "broadcast_in_dim", "concatenate", "iota", "name", "optimization_barrier", "pad", "reduce_and",
     "reduce_max", "reduce_min", "reduce_or", "reduce_sum", "remat2", "reshape", "scan", "slice",
-    "split", "squeeze", "stack", "transpose",
+    "split", "squeeze", "stack", "transpose", "unstack",
 }
 # fmt: on
 

@@ -18,7 +18,7 @@ from jaxpound.simulation.contact.group import ContactState
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.rod import RodLaw, SpringLaw
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.state import LinkState, RunState, StepConstants, each
+from jaxpound.simulation.state import LinkState, RunState, StepConstants
 
 T = TypeVar("T")
 
@@ -116,10 +116,11 @@ class Displaced(AtRest):
         """In the first step half of the acceleration and of the inverse masses."""
         share = _share_of_kick(acceleration, is_first)
         inverse_masses = tuple(share * inverse for inverse in system.inverse_masses)
-        couplings = each(lambda x: x._replace(delassus=share * x.delassus), system.couplings)
         inerters = system.inerters and system.inerters.for_masses_over(share)
         system = system._replace(
-            inverse_masses=inverse_masses, couplings=couplings, inerters=inerters
+            inverse_masses=inverse_masses,
+            groups=tuple(groups.for_masses_over(share) for groups in system.groups),
+            inerters=inerters,
         )
         return system, share * acceleration
 

@@ -11,7 +11,8 @@ from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import System
 from jaxpound.model.topology import GROUND, Ends, Topology, elongation, link_groups
-from jaxpound.simulation.contact.group import ContactState, Coupling, coupling, needs_flow
+from jaxpound.simulation.contact.group import ContactState, coupling, needs_flow
+from jaxpound.simulation.contact.group_flows import Groups, alike
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.inertance import Inerters
@@ -41,7 +42,8 @@ class StepConstants(NamedTuple):
     rods: tuple[RodLaw | SpringLaw, ...]  # as they are before they yield
     hysteresis: tuple[HysteresisConstants | None, ...]  # of the rods
     frictions: tuple[jax.Array, ...]
-    couplings: tuple[Coupling | None, ...]  # by group of links; None without a local flow
+    groups: tuple[Groups, ...]  # of links that may need the local flow
+    mass_shares: dict[int, dict[int, jax.Array]]  # of these groups, by number: see ``coupling``
     inerters: Inerters | None
     slots: int  # impacts recorded for each link in one step
 
@@ -53,14 +55,18 @@ class StepConstants(NamedTuple):
     @property
     def may_flow(self) -> bool:
         """Whether a step may need a local flow."""
-        return any(coupled is not None for coupled in self.couplings)
+        return bool(self.groups)
 
     @property
     def has_shortcut(self) -> bool:
         """Whether batches have a shorter program for steps without local flow: on CPUs."""
-        flowing = [coupled for coupled in self.couplings if coupled is not None]
-        always = any(coupled.has_resistance for coupled in flowing)
+        always = any(group.coupling.has_resistance for group in self.groups)
         return self.is_kernel and not always and jax.default_backend() == "cpu"
+
+    @property
+    def has_many_peaks(self) -> bool:
+        """Whether peaks of its series are computed in arrays, which compiles in less time."""
+        return self.may_flow and len(self.rods) > IN_KERNEL
 
     @property
     def is_kernel(self) -> bool:
@@ -136,12 +142,15 @@ def step_constants(system: System, dt: float, order: int, slots: int) -> StepCon
         for rod in system.rods
     ]
     hysteresis = each(HysteresisConstants, laws, [rod.stiffness for rod in system.rods])
-    groups, links = link_groups(topology), system.links
-    flowing = [group if needs_flow(group, links) else None for group in groups]
+    groups, links = dict(enumerate(link_groups(topology))), system.links
     inerters = Inerters.of(system, inverse)
-    couplings = each(lambda group: coupling(topology, group, links, inverse, inerters), flowing)
+    couplings, mass_shares = {}, {}
+    for n, group in groups.items():
+        if needs_flow(group, links):
+            constants = coupling(topology, group, links, inverse, inerters)
+            couplings[n], mass_shares[n] = constants
     frictions = tuple(link.friction for link in links)
-    of_links = frictions, couplings, inerters, slots
+    of_links = frictions, alike(groups, couplings), mass_shares, inerters, slots
     return StepConstants(topology, inverse, rods, hysteresis, *of_links)
 
 

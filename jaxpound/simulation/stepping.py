@@ -19,15 +19,15 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.topology import GROUND, LinkGroup, elongation, link_groups
+from jaxpound.model.topology import GROUND, elongation, link_groups
 from jaxpound.simulation import state
 from jaxpound.simulation.contact import group as contact_group
-from jaxpound.simulation.contact.group import ContactState, GroupStep
-from jaxpound.simulation.contact.group_flows import Group, GroupFlow, flows_of, need_flows
+from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep
+from jaxpound.simulation.contact.group_flows import GroupFlows, Groups, flows_of, need_flows
 from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.starting import RunStart
+from jaxpound.simulation.starting import MovedLink, RunStart
 from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisStep, hysteresis_step, moved
 
@@ -75,7 +75,7 @@ def step(
     yielding = [this.yielding(r, length) for r, length in enumerate(elongations)]
     forces, loads, pulls = this.loads(rod_steps, yielding)
     groups = this.groups(pulls)
-    flows = flows_of(groups) if with_flows else []
+    flows = [flows_of(*of_groups) for of_groups in groups] if with_flows else []
     # After a flow the rods take the mean sample, which changes the pull on all links whose masses
     # have these rods.
     if flows:
@@ -114,11 +114,11 @@ def step(
     )
     inertia: dict[int, jax.Array] = {}
     if of_run.inerters is not None:
-        totals = [motions[k].total_force for k in range(len(closings))]
+        totals = [motion.total_force for motion in motions]
         inertia = state.inerter_forces(of_run, forces, acceleration, totals)
     seen = tuple(
-        LinkInstant(s, motions[k].velocity_now, motions[k], inertia.get(k))
-        for k, s in enumerate(closings)
+        LinkInstant(closings[k], motion.velocity_now, motion, inertia.get(k))
+        for k, motion in enumerate(motions)
     )
     dissipated = state.each(HysteresisConstants.dissipated, system.hysteresis, after.yielding)
     x_now, v_now = of_free("x_now"), of_free("v_now")
@@ -182,35 +182,27 @@ class _Step(NamedTuple):
         loads = topology.loads(means)
         return forces, loads, state.link_pulls(system, loads, self.mean_acceleration)
 
-    def groups(self, pulls: list[jax.Array]) -> list[Group]:
-        """The groups of links that may touch or share masses."""
-        groups = zip(link_groups(self.system.topology), self.system.couplings, strict=True)
-        return [
-            Group(group, coupled, self._group_step(group, pulls))
-            for group, coupled in groups
-            if coupled is not None
-        ]
+    def groups(self, pulls: Sequence[jax.Array]) -> list[tuple[Groups, GroupStep]]:
+        """The groups of links that may need the local flow, and their inputs."""
+        return [(groups, self._group_step(groups, pulls)) for groups in self.system.groups]
 
     def with_mean_samples(
-        self, rods: list[RodStep], yielding: list[HysteresisStep | None], flows: list[GroupFlow]
+        self, rods: list[RodStep], yielding: list[HysteresisStep | None], flows: list[GroupFlows]
     ) -> tuple[list[RodStep], list[HysteresisStep | None]]:
         """The rods at t_m with the positions of masses of a flow replaced."""
         system = self.system
-        changed = {mass for flow in flows for mass in flow.coupling.mass_shares}
+        changed = {mass for shares in system.mass_shares.values() for mass in shares}
 
-        def shifts(of_links: Callable[[GroupFlow], jax.Array]) -> list[Any]:
+        def shifts(of_flow: Callable[[GroupFlows], jax.Array]) -> list[Any]:
             by_mass: dict[int, jax.Array] = {}
             for flow in flows:
-                shift = of_links(flow)
-                by_mass |= {
-                    i: (share * shift).sum() for i, share in flow.coupling.mass_shares.items()
-                }
+                by_mass |= flow.mass_shifts(of_flow(flow), system.mass_shares)
             by_number = [by_mass.get(mass, 0.0) for mass in range(system.topology.n_masses)]
             return [elongation(ends, by_number) for ends in system.topology.rods]
 
         to_mean = shifts(lambda flow: flow.shift)
+        to_now = shifts(lambda flow: flow.shift_now) if any(system.hysteresis) else []
         rods, yielding = list(rods), list(yielding)
-        to_now = shifts(GroupFlow.shift_now) if any(system.hysteresis) else []
         for k, ends in enumerate(system.topology.rods):
             if not changed & {*ends}:
                 continue
@@ -220,92 +212,84 @@ class _Step(NamedTuple):
                 yielding[k] = moved(law, now, self.elongations[k] + to_mean[k])
         return rods, yielding
 
-    def _group_step(self, group: LinkGroup, pulls: list[jax.Array]) -> GroupStep:
-        links = [self.before.links[k] for k in group.links]
-        pull = jnp.stack([pulls[k] for k in group.links])
-        last = jnp.stack([link.pull for link in links])
+    def _group_step(self, groups: Groups, pulls: Sequence[jax.Array]) -> GroupStep:
+        links: LinkState = groups.gather(self.before.links)
+        now = (self.time, self.is_first, self.is_last)
+        time, is_first, is_last = (jnp.broadcast_to(x, groups.shape[:-1]) for x in now)
+        pull, rise = self._pull_and_rise(groups, pulls)
         return GroupStep(
-            closing=jnp.stack([link.closing for link in links]),
-            velocity=jnp.stack([link.velocity for link in links]),
-            state=jax.tree.map(lambda *y: jnp.stack(y), *(link.contact for link in links)),
+            closing=links.closing,
+            velocity=links.velocity,
+            phase=links.phase,
+            state=cast("ContactState", links.contact),
             pull=pull,
-            rise=self.starting.rise(pull, last, self.is_first, group.root == GROUND),
-            time=self.time,
-            is_first=self.is_first,
-            is_last=self.is_last,
+            rise=rise,
+            time=time,
+            is_first=is_first,
+            is_last=is_last,
             halfway=self.starting.halfway,
             dt=self.dt,
             slots=self.system.slots,
-            faces=group.faces,
+            faces=groups.faces,
+            on_ground=groups.on_ground,
         )
+
+    def _pull_and_rise(
+        self, groups: Groups, pulls: Sequence[jax.Array]
+    ) -> tuple[jax.Array, jax.Array]:
+        """The pull on the links of groups, and its growth since the step before."""
+        pull = groups.gather(pulls)
+        last = groups.gather([link.pull for link in self.before.links])
+        return pull, self.starting.rise(pull, last, self.is_first, groups.on_ground)
 
     def motions(
         self,
         pulls: Sequence[jax.Array],
-        groups: Sequence[Group],
-        flows: Sequence[GroupFlow],
-    ) -> tuple[list[jax.Array], list[ContactState | None], dict[int, LinkMotion]]:
+        groups: Sequence[tuple[Groups, GroupStep]],
+        flows: Sequence[GroupFlows],
+    ) -> tuple[list[jax.Array], list[ContactState | None], list[LinkMotion]]:
         """Closings at t_m, contact after the step, and motion of all links under their pulls.
 
         Without ``flows`` those of a step in which no group needs one.
         """
-        system = self.system
-        closings = [link.closing for link in self.before.links]
-        contacts: list[ContactState | None] = [None] * len(closings)
-        motions: dict[int, LinkMotion] = {}
-        for group in link_groups(system.topology):
-            if len(group.hanging) > 1:
-                continue
-            k = group.links[0]
-            motions[k] = self._slide(k, pulls[k])
-            if group.faces:
-                single = jax.tree.map(lambda y: y[None], motions[k])
-                motions |= _by_link(group, contact_group.with_other_faces(single, group.faces))
-        for n, of_group in enumerate(groups):
-            after = (
-                self._after_flow(flows[n], pulls, motions)
-                if flows
-                else self._without_flow(of_group, motions)
-            )
-            for k, of_link in _by_link(of_group.place, after).items():
-                closings[k], contacts[k], motions[k] = of_link
+        moved = dict[int, MovedLink]()
+        for n, of_groups in enumerate(groups):
+            after = self._after_flow(flows[n], pulls) if flows else self._without_flow(*of_groups)
+            moved |= of_groups[0].by_link(after)
+        closings, contacts, motions = [], [], []
         for k, link in enumerate(self.before.links):
-            of_link = closings[k], contacts[k], motions[k]
-            closings[k], contacts[k], motions[k] = self.starting.link(
-                link, of_link, self.is_first, self.dt
-            )
+            of_link = moved[k] if k in moved else (link.closing, None, self._slide(k, pulls[k]))
+            closing, contact, motion = self.starting.link(link, of_link, self.is_first, self.dt)
+            closings.append(closing)
+            contacts.append(contact)
+            motions.append(motion)
         return closings, contacts, motions
 
     def _after_flow(
-        self, flow: GroupFlow, pulls: Sequence[jax.Array], motions: dict[int, LinkMotion]
+        self, flow: GroupFlows, pulls: Sequence[jax.Array]
     ) -> tuple[jax.Array, ContactState, LinkMotion]:
-        """The links of a group after a step with its flow, under the pulls after it."""
-        place, before = flow.place, flow.before
-        pull_change = jnp.stack([pulls[k] for k in place.links]) - before.pull
-        before = dataclasses.replace(
-            before, pull=before.pull + pull_change, rise=before.rise + pull_change
-        )
-        plain = self._motion_without_flow(Group(place, flow.coupling, before), motions)
-        result = plain, flow.result, flow.used, pull_change
-        return contact_group.finish_step(flow.coupling, before, *result)
+        """Groups after a step with their flows, under the pulls after it."""
+        pull, rise = self._pull_and_rise(flow.groups, pulls)
+        change = pull - flow.before.pull
+        before = dataclasses.replace(flow.before, pull=pull, rise=rise)
+        plain = flow.groups.map(self._motion_without_flow, before)
+        result = plain, flow.result, flow.used, change
+        return flow.groups.map(contact_group.finish_step, before, *result)
 
     def _without_flow(
-        self, group: Group, motions: dict[int, LinkMotion]
+        self, groups: Groups, before: GroupStep
     ) -> tuple[jax.Array, ContactState, LinkMotion]:
-        """The links of a group after a step that needs no flow."""
-        before, motion = group.before, self._motion_without_flow(group, motions)
-        end = contact_group.closing_without_flow(group.coupling, before, motion)
+        """Groups after a step that needs no flow."""
+        motion = groups.map(self._motion_without_flow, before)
+        end = groups.map(contact_group.closing_without_flow, before, motion)
         return before.closing, before.state._replace(closing_before=end), motion
 
-    def _motion_without_flow(self, group: Group, motions: dict[int, LinkMotion]) -> LinkMotion:
-        """The closed form of a group's motion; ``motions`` are those of single links."""
-        if len(group.place.hanging) == 1:
-            of_links = (motions[k] for k in group.place.links)
-            return jax.tree.map(lambda *y: jnp.stack(y), *of_links)
-        motion = contact_group.motion_without_events(group.coupling, group.before)
-        if group.place.root == GROUND:
+    def _motion_without_flow(self, coupling: Coupling, before: GroupStep) -> LinkMotion:
+        """The closed form of a group's motion."""
+        motion = contact_group.motion_without_flow(coupling, before, self.scheme.friction)
+        if before.on_ground:
             motion = self.starting.on_ground(motion, self.is_first, self.scheme)
-        return contact_group.with_other_faces(motion, group.place.faces)
+        return contact_group.with_other_faces(motion, before.faces)
 
     def _slide(self, k: int, pull: jax.Array) -> LinkMotion:
         """Motion of a link that shares no mass, without contact."""
@@ -323,7 +307,7 @@ class _Step(NamedTuple):
         return motion
 
     def kick_and_drift(
-        self, mass: int, load: jax.Array, motions: dict[int, LinkMotion], closings: list[jax.Array]
+        self, mass: int, load: jax.Array, motions: list[LinkMotion], closings: list[jax.Array]
     ) -> _FreeMass:
         """Kick and drift of a free mass under the load of its rods; ``closings`` are those at t_m.
 
@@ -355,24 +339,19 @@ class _Step(NamedTuple):
         free = free._replace(
             x=free.x + share([motions[k].jump for k in links]), v_now=free.v_now + share(kinks)
         )
-        if system.couplings[hung[0]] is None:
+        if hung[0] not in system.mass_shares:
             return free
         changes = [closings[k] - self.before.links[k].closing for k in links]
         return free._replace(x_now=x + share(changes))
-
-
-def _by_link(group: LinkGroup, values: Any) -> dict[int, Any]:
-    """The entries, by link, of a pytree of arrays (f,)."""
-    return {k: jax.tree.map(lambda y, j=j: y[j], values) for j, k in enumerate(group.links)}
 
 
 def _shared(
     system: StepConstants, group: int, mass: int, changes: Sequence[jax.Array]
 ) -> jax.Array:
     """The shift of a mass by changes of a group's closings, the centre of mass fixed."""
-    coupled, topology = system.couplings[group], system.topology
-    if coupled is not None:
-        return (coupled.mass_shares[mass] * jnp.stack(changes)).sum()
+    topology = system.topology
+    if group in system.mass_shares:
+        return (system.mass_shares[group][mass] * jnp.stack(changes)).sum()
     k, change = link_groups(topology)[group].links[0], changes[0]
     inverse = system.inverse_masses
     return change * inverse[mass] / state.link_inverse_mass(topology.links[k], inverse)

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound._extrema import larger
 from jaxpound.model.dampers import Dashpot
 from jaxpound.model.system import System
 from jaxpound.model.topology import (
@@ -31,6 +30,7 @@ from jaxpound.model.topology import (
 from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
+from jaxpound.simulation.peaks import GroundPeaks, Peak, Peaks, Sample
 from jaxpound.simulation.starting import RunStart
 from jaxpound.simulation.state import (
     Instant,
@@ -41,50 +41,6 @@ from jaxpound.simulation.state import (
     of_all_masses,
 )
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, time_until
-
-
-class Peak(NamedTuple):
-    """Largest absolute value of a series, between its samples too where it is smooth."""
-
-    largest: jax.Array
-    last: jax.Array
-    rise: jax.Array  # from the sample before to the last
-
-    def observe(self, y: jax.Array, smooth: jax.Array | bool = True) -> Peak:
-        """The peak with one more sample; ``smooth`` says that no jump is among the last three."""
-        rise = y - self.last
-        # The parabola through them turns within half a step of the middle one; exactly half a step
-        # where two of them tie. A bend whose square underflows has no derivative in floating point.
-        up, down = (self.rise >= 0) & (rise <= 0), (self.rise <= 0) & (rise >= 0)
-        bend = rise - self.rise
-        arch = smooth & (up | down) & (jnp.abs(bend) > jnp.finfo(bend.dtype).tiny ** 0.5)
-        bend = jnp.where(arch, bend, 1.0)
-        vertex = jnp.where(arch, self.last - (self.rise + rise) ** 2 / (8 * bend), y)
-        largest = larger(self.largest, larger(jnp.abs(y), jnp.abs(vertex)))
-        return Peak(largest, y, rise)
-
-    def include(self, *values: jax.Array) -> Peak:
-        """The peak with further values that are no samples."""
-        largest = self.largest
-        for value in values:
-            largest = larger(largest, jnp.abs(value))
-        return self._replace(largest=largest)
-
-
-class GroundPeaks(NamedTuple):
-    """Largest ground acceleration and velocity at the instants, from rest."""
-
-    last: jax.Array  # u''
-    velocity: jax.Array
-    largest: jax.Array
-    largest_velocity: jax.Array
-
-    def observe(self, a: jax.Array, dt: float, is_first: jax.Array) -> GroundPeaks:
-        """The peaks with one more acceleration, which may be the first of the run."""
-        gained = jnp.where(is_first, 0.0, dt * (self.last + a) / 2)
-        velocity = self.velocity + gained
-        peak = larger(self.largest, jnp.abs(a))
-        return GroundPeaks(a, velocity, peak, larger(self.largest_velocity, jnp.abs(velocity)))
 
 
 class _ObservedInstant(NamedTuple):
@@ -101,13 +57,14 @@ class _ObservedInstant(NamedTuple):
     last_forces: Sequence[jax.Array]  # of the rods, an instant before
     last_acceleration: jax.Array
 
-    def displacement(self, peak: Peak, ends: Ends) -> Peak:
-        """The peak of x_i − x_j, or of x_i where j is the ground; impacts are kinks of the path."""
+    def displacement(self, ends: Ends) -> Sample:
+        """x_i − x_j, or x_i where j is the ground; impacts are kinks of the path."""
         position, speed = elongation(ends, self.x), elongation(ends, self.v)
         kinks, reached = [], []
-        groups = zip(link_groups(self.system.topology), self.system.couplings, strict=True)
-        for group, coupled in groups:
-            if coupled is None or not {*ends} & {*group.masses}:
+        groups = enumerate(link_groups(self.system.topology))
+        for number, group in groups:
+            mass_shares = self.system.mass_shares.get(number)
+            if mass_shares is None or not {*ends} & {*group.masses}:
                 continue
             tallied = [self.links[k].contact for k in group.links]
             kinks += [contact.is_kink for contact in tallied if contact is not None]
@@ -118,7 +75,7 @@ class _ObservedInstant(NamedTuple):
             for n, k in enumerate(group.links[: len(group.hanging)]):
                 link = self.now.links[k]
                 # The closing at its turn in the step, as far as its own change moves the masses.
-                shares = {mass: share[n] for mass, share in coupled.mass_shares.items()}
+                shares = {mass: share[n] for mass, share in mass_shares.items()}
                 share = elongation(ends, [shares.get(mass, 0.0) for mass in range(len(self.x))])
                 late, met = link.motion.turn_time, touched[n]
                 for i, link_of_face in enumerate(group.faces):
@@ -126,13 +83,11 @@ class _ObservedInstant(NamedTuple):
                 drift = late * (speed - share * link.velocity)
                 turned = position + drift + share * link.motion.turn
                 reached.append(jnp.where(met, turned, position))
-        if not kinks:
-            return peak.observe(position, self.smooth)
-        smooth = self.smooth & ~jnp.stack(kinks).any()
-        return peak.observe(position, smooth).include(*reached)
+        smooth = self.smooth & ~jnp.stack(kinks).any() if kinks else self.smooth
+        return Sample(position, smooth, reached)
 
-    def acceleration(self, peak: Peak, mass: int) -> Peak:
-        """A mass's peak acceleration: it jumps with the friction of the mass's link."""
+    def acceleration(self, mass: int) -> Sample:
+        """A mass's acceleration: it jumps with the friction of the mass's link."""
         topology, inverse = self.system.topology, self.system.inverse_masses[mass]
         load = load_on(topology.rods, mass, self.now.forces)
         before = load_on(topology.rods, mass, self.last_forces)
@@ -145,7 +100,7 @@ class _ObservedInstant(NamedTuple):
             groups = (group for group in link_groups(topology) if mass in group.masses)
             signs = {k: 0.0 for group in groups for k in group.links} | signs
         if not signs:
-            return peak.observe(load * inverse, self.smooth)
+            return Sample(load * inverse, self.smooth)
         motions = {k: self.now.links[k].motion for k in signs}
         totals = {k: sign * motions[k].total_force for k, sign in signs.items()}
         others = sum(totals.values())
@@ -177,7 +132,7 @@ class _ObservedInstant(NamedTuple):
                     if flow is not None:
                         q = jnp.where(flow.used, motion.total_force, q)
                     reached[-1] = self.with_inertia(at_turn + other, signs, late, {k: q}) * inverse
-        return peak.observe(now * inverse, smooth).include(*reached)
+        return Sample(now * inverse, smooth, reached)
 
     def with_inertia(
         self,
@@ -199,9 +154,9 @@ class _ObservedInstant(NamedTuple):
         return load + sum(sign * inertia[k] for k, sign in signs.items() if k in inertia)
 
 
-def _of_masses(topology: Topology) -> list[Ends]:
-    """The ends of displacements of the masses."""
-    return [(mass, GROUND) for mass in range(topology.n_masses)]
+def _paths(topology: Topology) -> list[Ends]:
+    """The ends of displacements that are observed: of the masses, then those of other rods."""
+    return [*dict.fromkeys([*((i, GROUND) for i in range(topology.n_masses)), *topology.rods])]
 
 
 def _first_yield(
@@ -241,9 +196,9 @@ class Tally(NamedTuple):
     """Running values for a ``Demand``."""
 
     ground: GroundPeaks
-    displacements: dict[Ends, Peak]  # of the masses, and between the ends of each rod
-    acceleration: tuple[Peak, ...]
-    forces: tuple[Peak, ...]  # of the rods
+    displacements: Peaks  # of ``_paths``
+    acceleration: Peaks  # of the masses
+    forces: Peaks  # of the rods
     first_yields: tuple[jax.Array | None, ...]  # times, of rods that yield
     links: tuple[LinkTally, ...]
 
@@ -259,7 +214,7 @@ class Tally(NamedTuple):
 
         ``closings`` are those of all links before the run.
         """
-        topology, peak = system.topology, Peak(zero, zero, zero)
+        topology = system.topology
         counter = jax.lax.stop_gradient(zero)  # numbers of instants have no derivatives
         softly = LogMeanExp(zero, zero, zero) if soft else None
         zeros = ContactTally(*(zero,) * len(ContactTally._fields))
@@ -280,11 +235,12 @@ class Tally(NamedTuple):
             )
             for link, closing in zip(system.links, closings, strict=True)
         )
+        peaks = partial(Peaks.start, zero, in_arrays=constants.has_many_peaks)
         return Tally(
             ground=GroundPeaks(zero, zero, zero, zero),
-            displacements=dict.fromkeys([*_of_masses(topology), *topology.rods], peak),
-            acceleration=(peak,) * topology.n_masses,
-            forces=(peak,) * len(topology.rods),
+            displacements=peaks(len(_paths(topology))),
+            acceleration=peaks(topology.n_masses),
+            forces=peaks(len(topology.rods)),
             first_yields=each(lambda _: zero + jnp.inf, constants.hysteresis),
             links=links,
         )
@@ -310,24 +266,27 @@ class Tally(NamedTuple):
         topology = system.topology
         x = of_all_masses(topology, now.x, [link.closing for link in now.links])
         v = of_all_masses(topology, now.v, [link.velocity for link in now.links])
-        last_forces = [force.last for force in self.forces]
+        last_forces = [force.last for force in self.forces.each()]
         instant = _ObservedInstant(
             now, x, v, system, dt, smooth, turns, links, last_forces, self.ground.last
         )
-        masses, before = range(topology.n_masses), self.displacements
-        peaks = {ends: instant.displacement(peak, ends) for ends, peak in before.items()}
-        ends = topology.rods
+        paths = _paths(topology)
+        displacements = self.displacements.observe([*map(instant.displacement, paths)])
+        places = [paths.index(ends) for ends in topology.rods]
+        before, after = self.displacements.each(), displacements.each()
         observed = Tally(
             ground=self.ground.observe(now.ground_acceleration, dt, now.time <= 0),
-            displacements=peaks,
-            acceleration=each(instant.acceleration, self.acceleration, masses),
-            forces=each(lambda peak, f: peak.observe(f, smooth), self.forces, now.forces),
+            displacements=displacements,
+            acceleration=self.acceleration.observe(
+                [*map(instant.acceleration, range(topology.n_masses))]
+            ),
+            forces=self.forces.observe([Sample(force, smooth) for force in now.forces]),
             first_yields=each(
                 partial(_first_yield, time=now.time, dt=dt),
                 system.hysteresis,
                 self.first_yields,
-                map(before.get, ends),
-                map(peaks.get, ends),
+                (before[i] for i in places),
+                (after[i] for i in places),
             ),
             links=links,
         )
@@ -349,20 +308,21 @@ class Tally(NamedTuple):
             link.friction if set_valued and not link.velocity_friction else None
             for link in system.links
         ]
-        paths, rods = self.displacements, system.topology.rods
-        peaks = map(paths.get, rods)
+        topology, rods = system.topology, system.topology.rods
+        paths = dict(zip(_paths(topology), self.displacements.each(), strict=True))
+        peaks = [paths[ends] for ends in rods]
         yielded = each(
             _yield_demands, constants.hysteresis, state.yielding, peaks, self.first_yields
         )
         drifts = [paths[ends].largest if is_storey(ends) else None for ends in rods]
         return Demand(
             masses=tuple(
-                MassDemand(peak_x=paths[ends].largest, peak_acceleration=a.largest)
-                for ends, a in zip(_of_masses(system.topology), self.acceleration, strict=True)
+                MassDemand(peak_x=paths[mass, GROUND].largest, peak_acceleration=a.largest)
+                for mass, a in enumerate(self.acceleration.each())
             ),
             rods=tuple(
                 RodDemand(peak_force=force.largest, peak_drift=drift, **(more or {}))
-                for force, drift, more in zip(self.forces, drifts, yielded, strict=True)
+                for force, drift, more in zip(self.forces.each(), drifts, yielded, strict=True)
             ),
             links=tuple(
                 tally.demand(link.gap, end.contact and end.contact.contact, slip_force, temperature)
@@ -372,5 +332,5 @@ class Tally(NamedTuple):
             ),
             pga=self.ground.largest,
             pgv=self.ground.largest_velocity,
-            topology=system.topology,
+            topology=topology,
         )

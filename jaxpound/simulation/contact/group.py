@@ -39,7 +39,7 @@ from jaxpound.simulation.contact.forces import (
     times,
 )
 from jaxpound.simulation.contact.records import APART, PRESSED, Contact, FlowInput, FlowResult
-from jaxpound.simulation.friction import EventResolved, LinkMotion, LinkStep
+from jaxpound.simulation.friction import EventResolved, FrictionLaw, LinkMotion, LinkStep
 from jaxpound.simulation.inertance import Inerters
 
 
@@ -47,8 +47,6 @@ class Coupling(NamedTuple):
     """Constants of a group of n links and f faces (``forces``) that may need the local flow."""
 
     delassus: jax.Array  # G (n, n): relative accelerations of ends under unit forces in the links
-    # By mass, (f,): its shift by each closing, the centre of mass fixed; 0 for other faces.
-    mass_shares: dict[int, jax.Array]
     frictions: jax.Array  # (f,)
     gaps: jax.Array
     laws: tuple[Any, ...]  # of contact, for the effective masses, by face
@@ -103,8 +101,12 @@ def coupling(
     links: tuple[Link, ...],
     inverse: tuple[jax.Array, ...],
     inerters: Inerters | None,
-) -> Coupling:
-    """The constants of a group; ``inverse`` are the inverse masses."""
+) -> tuple[Coupling, dict[int, jax.Array]]:
+    """The constants of a group, and how its masses share changes of closings.
+
+    These are, by mass, its shift by each closing, the centre of mass fixed; 0 for other faces.
+    ``inverse`` are the inverse masses.
+    """
     n, of_group = len(group.hanging), [links[k] for k in group.links]
     link_of_face = (*range(n), *group.faces)
     ends = [topology.links[k] for k in group.links[:n]]
@@ -118,9 +120,8 @@ def coupling(
     shares = {mass: inverse[mass] * (sign @ whole) for mass, sign in signs.items()}
     if inerters is not None:  # whose impulses do not change the shares
         delassus = inerters.delassus[np.ix_(group.links[:n], group.links[:n])]
-    return Coupling(
+    constants = Coupling(
         delassus=delassus,
-        mass_shares={mass: _of_links_alone(share, group.faces) for mass, share in shares.items()},
         frictions=jnp.stack([of_group[k].friction for k in link_of_face]),
         gaps=jnp.stack([link.gap for link in of_group]),
         laws=tuple(
@@ -129,6 +130,7 @@ def coupling(
         ),
         resistances=tuple(link.velocity_friction for link in of_group[:n]),
     )
+    return constants, {mass: _of_links_alone(share, group.faces) for mass, share in shares.items()}
 
 
 def _of_links_alone(values: jax.Array, faces: tuple[int, ...]) -> jax.Array:
@@ -159,6 +161,7 @@ class GroupStep:
 
     closing: jax.Array  # at t_m, as predicted
     velocity: jax.Array  # at t_m − h/2
+    phase: jax.Array  # direction of slip then, 0 in stick
     state: ContactState
     pull: jax.Array  # A_m
     rise: jax.Array  # A_m − A_{m−1}
@@ -169,6 +172,7 @@ class GroupStep:
     dt: float = dataclasses.field(metadata={"static": True})  # h
     slots: int = dataclasses.field(metadata={"static": True})  # impacts of a face to be recorded
     faces: tuple[int, ...] = dataclasses.field(metadata={"static": True})  # of ``LinkGroup``
+    on_ground: bool = dataclasses.field(metadata={"static": True})  # its masses slide there
 
     @property
     def of_links(self) -> GroupStep:
@@ -177,7 +181,23 @@ class GroupStep:
         return jax.tree.map(lambda y: y[:n] if y.ndim else y, self) if self.faces else self
 
 
-def motion_without_events(group: Coupling, before: GroupStep) -> LinkMotion:
+def motion_without_flow(group: Coupling, before: GroupStep, law: FrictionLaw) -> LinkMotion:
+    """Motion of links, (n,), over a step without flow; ``law`` is that of a link without others."""
+    if len(group.resistances) > 1:
+        return _motion_without_events(group, before)
+    of_link = LinkStep(
+        velocity=before.velocity[0],
+        phase=before.phase[0],
+        pull=before.pull[0],
+        rise=before.rise[0],
+        inverse_mass=group.delassus[0, 0],
+        friction=group.frictions[0],
+        dt=before.dt,
+    )
+    return jax.tree.map(lambda y: y[None], law.slide(of_link))
+
+
+def _motion_without_events(group: Coupling, before: GroupStep) -> LinkMotion:
     """Motion of links that share masses, (n,), over a step in which no slip or stick ends.
 
     Links without friction may reverse at any time: they have the closed form of a link alone.

@@ -1,15 +1,19 @@
-"""Local flows of the groups of links of a step, before the rods take the mean sample."""
+"""Groups of links that may need the local flow, those of the same shape in one program.
+
+Such are links between the floors of two buildings, with contact laws of one class. A step of a
+group takes seconds to compile, here once instead of for every group; at run time it is as fast.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.ad_checkpoint import checkpoint_name
 
-from jaxpound.model.topology import LinkGroup
+from jaxpound.model.topology import GROUND, LinkGroup
 from jaxpound.simulation.contact.group import (
     Coupling,
     GroupStep,
@@ -23,67 +27,115 @@ FLOW = "local flow"
 """Name of the results of local flows, which reverse mode keeps where it computes steps anew."""
 
 
-class Group(NamedTuple):
-    """A group of links that may need the local flow, before a step."""
+class Groups(NamedTuple):
+    """Groups of f faces each; where there are several, all arrays have a leading axis of them."""
 
-    place: LinkGroup  # in the topology
+    places: dict[int, LinkGroup]  # in the topology, by their numbers
     coupling: Coupling
-    before: GroupStep
 
     @property
-    def of_flow(self) -> tuple[Coupling, GroupStep]:
-        """The group without numbers of its masses: groups of one structure would differ in them."""
-        return self.coupling._replace(mass_shares={}), self.before
+    def links(self) -> list[int]:
+        """The links of all of them."""
+        return [k for place in self.places.values() for k in place.links]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of an array of numbers of the faces."""
+        several = (len(self.places),) if len(self.places) > 1 else ()
+        return *several, len(self.links) // len(self.places)
+
+    @property
+    def faces(self) -> tuple[int, ...]:
+        """As in ``LinkGroup``, the same of all."""
+        return next(iter(self.places.values())).faces
+
+    @property
+    def on_ground(self) -> bool:
+        """Whether their masses slide on the ground."""
+        return next(iter(self.places.values())).root == GROUND
+
+    def for_masses_over(self, share: jax.Array) -> Groups:
+        """The groups with all masses divided by a share."""
+        coupling = self.coupling
+        return self._replace(coupling=coupling._replace(delassus=share * coupling.delassus))
+
+    def map(self, function: Callable[..., Any], *values: Any) -> Any:
+        """A function of the coupling of a group, and of its part of some values, for each group."""
+        function = jax.vmap(function) if len(self.places) > 1 else function
+        return function(self.coupling, *values)
+
+    def gather(self, by_link: Sequence[Any]) -> Any:
+        """Arrays of the numbers of the links, from pytrees of them."""
+        of_links = (by_link[k] for k in self.links)
+        return jax.tree.map(lambda *y: jnp.stack(y).reshape(self.shape), *of_links)
+
+    def by_link(self, values: Any) -> dict[int, Any]:
+        """The entries of arrays of numbers of the faces."""
+        leaves, structure = jax.tree.flatten(values)
+        links, axes = self.links, len(self.shape)
+        flat = [y.reshape(len(links), *y.shape[axes:]) for y in leaves]
+        # Of one link without slices, which would lengthen the program.
+        apart = map(jnp.unstack, flat) if len(links) > 1 else ([y.squeeze(0)] for y in flat)
+        of_links = zip(links, zip(*apart, strict=True), strict=True)
+        return {k: jax.tree.unflatten(structure, numbers) for k, numbers in of_links}
 
 
-class GroupFlow(NamedTuple):
-    """A group after its local flow."""
+class GroupFlows(NamedTuple):
+    """Groups after their local flows."""
 
-    place: LinkGroup  # in the topology
-    coupling: Coupling
+    groups: Groups
     before: GroupStep
     result: FlowResult
-    used: jax.Array
+    used: jax.Array  # by group
     shift: jax.Array  # of the closings, to their mean sample
 
+    @property
     def shift_now(self) -> jax.Array:
         """Shift of the closings at t_m by what the flow has changed until then."""
-        return jnp.where(self.used, self.result.now.closing - self.before.closing, 0.0)
+        used = self.used.reshape(*self.used.shape, 1)
+        return jnp.where(used, self.result.now.closing - self.before.closing, 0.0)
+
+    def mass_shifts(
+        self, shift: jax.Array, shares: Mapping[int, Mapping[int, jax.Array]]
+    ) -> dict[int, jax.Array]:
+        """The shifts of the masses by those of the closings, (f,) for each group."""
+        by_group = jnp.unstack(shift) if shift.ndim > 1 else [shift]
+        return {
+            mass: (share * of_group).sum()
+            for number, of_group in zip(self.groups.places, by_group, strict=True)
+            for mass, share in shares[number].items()
+        }
 
 
-def flows_of(groups: Sequence[Group]) -> list[GroupFlow]:
+def alike(places: Mapping[int, LinkGroup], couplings: Mapping[int, Coupling]) -> tuple[Groups, ...]:
+    """Groups, by their numbers, together where their constants have the same shapes."""
+    together: dict[Any, list[int]] = {}
+    for number, coupling in couplings.items():
+        shapes = tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(coupling))
+        place = places[number]
+        key = jax.tree.structure(coupling), shapes, place.faces, place.root == GROUND
+        together.setdefault(key, []).append(number)
+    groups = []
+    for numbers in together.values():
+        coupling = couplings[numbers[0]]
+        if len(numbers) > 1:
+            of_each = (couplings[number] for number in numbers)
+            coupling = jax.tree.map(lambda *y: jnp.stack(y), *of_each)
+        groups.append(Groups({number: places[number] for number in numbers}, coupling))
+    return tuple(groups)
+
+
+def flows_of(groups: Groups, before: GroupStep) -> GroupFlows:
     """The groups after their local flows."""
-    results = _map_like(run_flow, [group.of_flow for group in groups])
-    results, flows = checkpoint_name(results, FLOW), []
-    for group, (result, used) in zip(groups, results, strict=True):
-        before = group.before
-        shift = jnp.where(used, mean_sample(result, before) - before.closing, 0.0)
-        flows.append(GroupFlow(*group, result, used, shift))
-    return flows
+    result, used = checkpoint_name(groups.map(run_flow, before), FLOW)
+
+    def shift(_: Coupling, result: FlowResult, used: jax.Array, before: GroupStep) -> jax.Array:
+        return jnp.where(used, mean_sample(result, before) - before.closing, 0.0)
+
+    return GroupFlows(groups, before, result, used, groups.map(shift, result, used, before))
 
 
-def need_flows(groups: Sequence[Group]) -> jax.Array:
+def need_flows(groups: Sequence[tuple[Groups, GroupStep]]) -> jax.Array:
     """Whether any group needs its local flow."""
-    return jnp.stack(_map_like(is_flow_needed, [group.of_flow for group in groups])).any()
-
-
-def _map_like(function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
-    """A function of each tuple of arguments; vmap over those of the same structure and shapes.
-
-    Such are links between the floors of two buildings, with contact laws of one class. A local flow
-    takes seconds to compile, here once instead of for every link; at run time a batch is as fast.
-    """
-    groups: dict[Any, list[int]] = {}
-    for n, args in enumerate(arguments):
-        shapes = tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(args))
-        groups.setdefault((jax.tree.structure(args), shapes), []).append(n)
-    results: dict[int, Any] = {}
-    for numbers in groups.values():
-        if len(numbers) == 1:
-            results[numbers[0]] = function(*arguments[numbers[0]])
-            continue
-        stacked = jax.tree.map(lambda *x: jnp.stack(x), *(arguments[n] for n in numbers))
-        batch = jax.vmap(function)(*stacked)
-        for i, n in enumerate(numbers):
-            results[n] = jax.tree.map(lambda x, i=i: x[i], batch)
-    return [results[n] for n in range(len(arguments))]
+    needed = (jnp.ravel(of.map(is_flow_needed, before)) for of, before in groups)
+    return jnp.concatenate([*needed]).any()

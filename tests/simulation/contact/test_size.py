@@ -34,6 +34,19 @@ def test_instructions_of_a_pair_that_pounds(function, structures, most):
     assert sum(" = " in line for line in program.splitlines()) < most
 
 
+def test_floors_of_the_same_shape_are_one_program():
+    """A further floor of two towers adds two rods and masses; its link made 1,134 of it."""
+
+    def operations(floors):
+        towers = (jp.Storeys((1.0,) * floors, (jp.Rod(RODS[0], 3.0),) * floors),) * 2
+        contact = {"friction": 0.05, "gap": 0.2, "contact": jp.KelvinVoigt(400.0, 0.65)}
+        row = jp.Row(towers, tuple(jp.FloorLink(0, i, **contact) for i in range(floors)))
+        program = jax.jit(smallest_gap).lower(jax.tree.map(jnp.asarray, row)).as_text()
+        return sum(" = " in line for line in program.splitlines())
+
+    assert operations(6) - operations(5) < 750
+
+
 def scans(program):
     """The loops over blocks of steps, and all loops inside them."""
     for step in program.eqns:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies
 
-from jaxpound.simulation.tally import Peak
+from jaxpound.simulation.peaks import Peak, Peaks, Sample
 
 
 def peak(samples, dtype=np.float64):
@@ -54,3 +54,25 @@ def test_the_peak_of_a_motion_that_begins_with_tiny_numbers_has_a_slope(dtype, p
 
     value, slope = jax.value_and_grad(largest)(jnp.asarray(1.0, dtype))
     assert (float(value), float(slope)) == (4.0, 4.0)
+
+
+def test_the_peaks_of_many_series_in_arrays_are_those_of_each_series():
+    """Smooth or not, with and without values between samples; with their slopes."""
+    series = jnp.asarray(np.random.default_rng(3).normal(size=(5, 20)))
+    between = {1: (2.5,), 3: (-0.5, 3.5)}
+
+    def largest(scale, in_arrays):
+        peaks = Peaks.start(jnp.zeros(()), len(series), in_arrays)
+        for n, values in enumerate(series.T):
+            samples = [
+                Sample(scale * y, jnp.asarray(i % 2 == 0 or n % 3 > 0), [scale * z for z in others])
+                for i, y in enumerate(values)
+                for others in [between.get(i, ()) if n == 7 else ()]
+            ]
+            peaks = peaks.observe(samples)
+        return jnp.stack([peak.largest for peak in peaks.each()])
+
+    for function in (largest, jax.jacfwd(largest), jax.jacrev(largest)):
+        in_arrays, apart = map(np.asarray, (function(1.5, True), function(1.5, False)))
+        assert in_arrays == pytest.approx(apart, rel=1e-14)
+    assert apart[3] == 3.5  # larger than all samples, and so the slope
