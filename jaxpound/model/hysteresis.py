@@ -222,14 +222,16 @@ class BoucWen:
         a step of its own, by the midpoint rule in z.
         """
         e_y, change = self.yield_displacement, after - before
-        slope = self._slope(state._replace(z=state.z / 2), change)
+        power = _power(state.z, self.exponent)
+        slope = self._slope(state, change, power * jnp.exp2(-self.exponent))  # at z/2
         crosses = (change * state.z < 0) & (slope * jnp.abs(change) > e_y * jnp.abs(state.z))
         way = jnp.where(crosses, -e_y * state.z / jnp.where(crosses, slope, 1.0), 0.0)
         state = self._moved(state, way, jnp.where(crosses, 0.0, state.z))
-        change = change - way
-        half = state.z + change / (2 * e_y) * self._slope(state, change)
+        change, power = change - way, jnp.where(crosses, 0.0, power)
+        half = state.z + change / (2 * e_y) * self._slope(state, change, power)
         state_halfway = self._moved(state, change / 2, half)
-        slope = self._slope(state._replace(dissipated=state_halfway.dissipated), change)
+        worn = state._replace(dissipated=state_halfway.dissipated)
+        slope = self._slope(worn, change, power)
         exponent = self._bend(state_halfway, change) * jnp.abs(change) / e_y
         curved = jnp.abs(exponent) > 1e-4
         exact = jnp.expm1(exponent) / jnp.where(curved, exponent, 1.0)
@@ -237,10 +239,9 @@ class BoucWen:
         outside = jnp.abs(z) > larger(jnp.abs(state.z), 1.0)  # after a very large change
         return self._moved(state, change, jnp.where(outside, jnp.sign(z), z))
 
-    def _slope(self, state: Smooth, change: Any) -> Any:
-        """e_y dz/de."""
-        loss = self._strength(state, change) * _power(state.z, self.exponent)
-        return (1 - loss) / self._softening(state)
+    def _slope(self, state: Smooth, change: Any, power: Any) -> Any:
+        """e_y dz/de, with |z|^n."""
+        return (1 - self._strength(state, change) * power) / self._softening(state)
 
     def _bend(self, state: Smooth, change: Any) -> Any:
         """Derivative of ``_slope`` by z, where the elongation grows."""
@@ -269,8 +270,13 @@ class BoucWen:
 
 
 def _power(z: Any, exponent: Any) -> Any:
-    """|z|^n, 0 at z = 0; the derivative by n there is 0 as well."""
-    return jnp.where(z == 0, 0.0, jnp.where(z == 0, 1.0, jnp.abs(z)) ** exponent)
+    """|z|^n, 0 at z = 0; the derivative by n there is 0 as well.
+
+    By the exponential of the logarithm, which takes half the time of a power, and has derivatives
+    without further powers.
+    """
+    is_zero = z == 0
+    return jnp.where(is_zero, 0.0, jnp.exp(exponent * jnp.log(jnp.where(is_zero, 1.0, jnp.abs(z)))))
 
 
 @pytree_dataclass

@@ -173,7 +173,8 @@ class Rollout(NamedTuple):
             idle = [state, [zero] * len(sums)]
             return *starting.kept(time, idle, after), instant
 
-        if constants.may_flow:  # reverse mode then keeps fewer numbers of each step
+        if constants.may_flow or (constants.is_long and constants.yielding_laws):
+            # Reverse mode then keeps fewer numbers of each step.
             kept = jax.checkpoint_policies.save_only_these_names(FLOW)
             advance = jax.checkpoint(advance, prevent_cse=False, policy=kept, static_argnums=(4,))
 
@@ -184,8 +185,7 @@ class Rollout(NamedTuple):
             history=scheme.history,
             inputs=excitation.series,
             checkpoint=scheme.checkpoint,
-            looped=constants.is_long,
-            kernel=constants.is_kernel,
+            block=constants.block,
         )
         return Rollout(system, constants, zero, starting, start, extra, advance, scan)
 

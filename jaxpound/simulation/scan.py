@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +27,7 @@ from jaxpound.simulation.kernels import as_kernel
 from jaxpound.simulation.shortcut import with_shortcut
 
 Advance = Callable[[Any, list[jax.Array], jax.Array, Any], tuple[Any, list[jax.Array], Any]]
+BlockForm = Literal["written out", "loop", "kernel", "recomputed"]
 SingleStep = Callable[[Any, Any], tuple[Any, Any]]
 
 
@@ -50,8 +51,7 @@ def scan_with_history(
     inputs: Any = None,
     segmented: bool = False,
     checkpoint: bool = False,
-    looped: bool = False,
-    kernel: bool = False,
+    block: BlockForm = "written out",
     short: Advance | None = None,
 ) -> tuple[Any, Any]:
     """``lax.scan`` of advance(carry, sums, m, entry) → (carry, c, out) over m = 0 … n_steps.
@@ -61,9 +61,12 @@ def scan_with_history(
     some steps m < 0 come first, with entries of zero: ``advance`` must leave a system at rest there
     at rest, with c = 0. ``segmented`` splits the scan into about √n_steps segments, whose small
     outputs XLA fills faster on a CPU; with ``checkpoint`` reverse mode keeps the first state of
-    each only. ``looped`` makes the steps of a block a loop of their own instead of writing them out
-    one after the other, so that the program of a long step is compiled once; with ``kernel`` that
-    loop is one kernel where it can be (``as_kernel``).
+    each only.
+
+    The steps of a ``block`` are "written out" one after the other; in a "loop" of their own, so
+    that the program of a long step is compiled once; in a loop that is one "kernel" where it can be
+    (``as_kernel``); or written out and "recomputed" in reverse mode, which then keeps the state
+    before each block only.
 
     With ``short`` a batch takes a shortcut from this loop (``with_shortcut``): it does what
     ``advance`` does in steps that need no more, and its out is (out, whether the step needs more).
@@ -88,12 +91,14 @@ def scan_with_history(
     # A step is traced and differentiated once, not for every step of a block.
     whole = partial(single_step, jax.jit(advance))
     steps: Callable[..., Any] = partial(_written_out, whole)
-    if looped:
-        steps = partial(_in_loop, whole, zero, kernel)
+    if in_loop := block in ("loop", "kernel"):
+        steps = partial(_in_loop, whole, zero, block == "kernel")
+    elif block == "recomputed":
+        steps = jax.checkpoint(steps, prevent_cse=False)
     if short is not None:
         steps = with_shortcut(steps, partial(_shorter, partial(single_step, jax.jit(short))))
 
-    def block(state: Any, entries: Any) -> tuple[Any, Any]:
+    def of_block(state: Any, entries: Any) -> tuple[Any, Any]:
         start, carry, memories, recent = state  # c_{m0−BLOCK} and on
         of_rods = zip(kernels, memories, strict=True)
         ahead = [history.ahead(kernel, memory, start) for kernel, memory in of_rods]
@@ -105,7 +110,7 @@ def scan_with_history(
         return (start + BLOCK, carry, memories, past), out
 
     def run(state: Any, entries: Any) -> tuple[Any, Any]:
-        return lax.scan(block, state, entries, length=segment)
+        return lax.scan(of_block, state, entries, length=segment)
 
     memories = [jax.tree.map(lambda y: y + zero, history.empty(kernel)) for kernel in kernels]
     recent = [[zero] * BLOCK for _ in kernels]
@@ -117,7 +122,7 @@ def scan_with_history(
         state, out = lax.scan(run, state, inputs, length=segments)
     else:
         state, out = run(state, jax.tree.map(lambda x: x[0], inputs))
-    if not looped:
+    if not in_loop:
         out = jax.tree.map(lambda *x: jnp.stack(x, -1), *out)
     series = jax.tree.map(lambda x: x.reshape(-1)[idle:], out)
     return state[1], series

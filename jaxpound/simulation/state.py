@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import jax
 
-from jaxpound.model.dampers import PowerLaw
-from jaxpound.model.hysteresis import hysteresis_of, zener_of
+from jaxpound.model.dampers import Dashpot, PowerLaw
+from jaxpound.model.hysteresis import Bilinear, hysteresis_of, zener_of
 from jaxpound.model.system import System
 from jaxpound.model.topology import GROUND, Ends, Topology, elongation, link_groups
 from jaxpound.simulation.contact.group import ContactState, coupling, needs_flow
@@ -17,6 +17,7 @@ from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
+from jaxpound.simulation.scan import BlockForm
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState
 
 IN_KERNEL = 8
@@ -24,8 +25,8 @@ IN_KERNEL = 8
 them have a shortcut. Longer programs take long to compile."""
 
 WRITTEN_OUT = 4
-"""Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
-flow, they are a loop, which compiles in a third of the time and runs at most a fifth slower."""
+"""Rods up to which the steps of a block are unrolled, or one bilinear rod; beyond, and where links
+may need the local flow, they are a loop, which compiles in a third of the time."""
 
 
 def each(function: Callable[..., Any], *series: Iterable[Any]) -> tuple[Any, ...]:
@@ -49,8 +50,15 @@ class StepConstants(NamedTuple):
 
     @property
     def is_long(self) -> bool:
-        """Whether a step has more than ``WRITTEN_OUT`` rods or may need a local flow."""
-        return self.may_flow or len(self.rods) > WRITTEN_OUT
+        """Whether a step is too long for a block to be unrolled (``WRITTEN_OUT``)."""
+        laws = self.yielding_laws
+        is_simple = not laws or (len(self.rods) == 1 and isinstance(laws[0], Bilinear))
+        return self.may_flow or len(self.rods) > WRITTEN_OUT or not is_simple
+
+    @property
+    def yielding_laws(self) -> list[Any]:
+        """The laws of hysteresis of rods that yield, without dashpots."""
+        return [rod.law for rod in self.hysteresis if rod and not isinstance(rod.law, Dashpot)]
 
     @property
     def may_flow(self) -> bool:
@@ -67,6 +75,13 @@ class StepConstants(NamedTuple):
     def has_many_peaks(self) -> bool:
         """Whether peaks of its series are computed in arrays, which compiles in less time."""
         return self.may_flow and len(self.rods) > IN_KERNEL
+
+    @property
+    def block(self) -> BlockForm:
+        """How the steps of a block are computed."""
+        if self.is_long:
+            return "kernel" if self.is_kernel else "loop"
+        return "recomputed" if self.yielding_laws else "written out"
 
     @property
     def is_kernel(self) -> bool:
@@ -180,8 +195,11 @@ def start_state(
     yielding: list[HysteresisState | None] = []
     for ends, rod in zip(topology.rods, constants.hysteresis, strict=True):
         length, speed = (zero if y is None else elongation(ends, y) for y in (x, v))
-        state = None if rod is None else HysteresisState(rod.law.start(length), length, dt * speed)
-        yielding.append(state)
+        if rod is None:
+            yielding.append(None)
+        else:
+            start = rod.law.start(length)
+            yielding.append(HysteresisState(start, rod.within(length), dt * speed))
     excess = tuple(None if isinstance(law, SpringLaw) else zero for law in constants.rods)
     return RunState(of_free(x), of_free(v), excess, tuple(yielding), tuple(links))
 

@@ -22,10 +22,12 @@ import numpy as np
 
 from jaxpound._checks import Rule, all_hold, count, enforce, finite, instance, real
 from jaxpound._errors import InvalidInput
+from jaxpound._extrema import larger, smaller
 from jaxpound._fields import rules
 from jaxpound.model.dampers import Dashpot
-from jaxpound.model.hysteresis import HysteresisLaw
+from jaxpound.model.hysteresis import Bilinear, HysteresisLaw
 from jaxpound.model.system import Rod
+from jaxpound.simulation.slider import slider_step
 
 
 class HysteresisConstants(NamedTuple):
@@ -39,6 +41,11 @@ class HysteresisConstants(NamedTuple):
         """The elongation at which the rod collapses."""
         return getattr(self.law, "ultimate_displacement", np.inf)
 
+    def within(self, elongation: jax.Array) -> jax.Array:
+        """The elongation, or the limit beyond which the rod has collapsed."""
+        limit = jnp.broadcast_to(self.ultimate, jnp.shape(elongation)).astype(elongation.dtype)
+        return _within(elongation, limit)
+
     def dissipated(self, state: HysteresisState) -> jax.Array:
         """Energy that the rod has dissipated."""
         return self.modulus * self.law.dissipated(state.of_law)
@@ -50,6 +57,17 @@ class HysteresisConstants(NamedTuple):
         """
         one = self.modulus / self.modulus
         return jax.tree.map(lambda y: y / one, tree)
+
+
+@jax.custom_jvp
+def _within(x: jax.Array, limit: jax.Array) -> jax.Array:
+    return larger(smaller(x, limit), -limit)
+
+
+@_within.defjvp
+def _(primals: Any, tangents: Any) -> tuple[jax.Array, jax.Array]:
+    (x, limit), (d_x, d_limit) = primals, tangents
+    return _within(x, limit), jnp.where(jnp.abs(x) <= limit, d_x, jnp.sign(x) * d_limit)
 
 
 class HysteresisState(NamedTuple):
@@ -81,7 +99,6 @@ def time_until(room: jax.Array, speed: jax.Array, gain: jax.Array) -> tuple[jax.
     return jnp.where(passes, 2 * room / jnp.where(passes, speed + then, 1.0), 0.0), then
 
 
-@partial(jax.checkpoint, prevent_cse=False)  # else reverse mode stores a dozen numbers a step
 def hysteresis_step(
     constants: HysteresisConstants,
     before: HysteresisState,
@@ -92,45 +109,53 @@ def hysteresis_step(
 
     ``is_first`` says whether the run begins at t_m displaced or moving; None for runs from rest.
     """
-    law = constants.law
-    e, last = (_within(constants.ultimate, x) for x in (elongation, before.elongation))
+    law, e, last = constants.law, constants.within(elongation), before.elongation
     change = e - last if is_first is None else jnp.where(is_first, before.change, e - last)
     if isinstance(law, Dashpot):
         state = constants.once(law.over_step(before.of_law, last, e))
         lost = constants.once(constants.modulus * state.elongation)
         now = HysteresisState(state, e, change)
         return HysteresisStep(now, elongation, lost, jnp.zeros_like(lost))
-    gain = change - before.change
+    path = last, change, change - before.change, e
+    if isinstance(law, Bilinear):
+        state, kink = slider_step(law, before.of_law, *path)
+    else:
+        state, kink = followed(constants, before.of_law, *path)
+    lost = constants.modulus * (elongation - law.reduced_force(e, state))
+    state, lost, kink = constants.once((state, lost, constants.modulus * kink))
+    return HysteresisStep(HysteresisState(state, e, change), elongation, lost, kink)
+
+
+def followed(
+    constants: HysteresisConstants, before: Any, last: Any, change: Any, gain: Any, e: Any
+) -> tuple[Any, jax.Array]:
+    """The state of a law after a step, and its kink: what the mean of −r over the kick lacks.
+
+    The elongation was ``last`` and is e; it changed by ``change``, which is more than a step before
+    by ``gain``.
+    """
+    law = constants.law
     speed = constants.once(change + gain / 2)  # at t_m; at t_{m−1} it was less by the gain
     turns = speed * (speed - gain) < 0
     at_turn = jnp.where(turns, e - speed**2 / (2 * jnp.where(turns, gain, 1.0)), last)
-    turned = constants.once(law.advance(before.of_law, last, at_turn))
+    turned = constants.once(law.advance(before, last, at_turn))
     state = law.advance(turned, at_turn, e)
-    lost = constants.modulus * (elongation - law.reduced_force(e, state))
-    kink = jnp.zeros_like(lost)
-    if hasattr(law, "kink"):
-        direction = jnp.where(speed < 0, -1.0, 1.0).astype(e.dtype)
-        place, jump = law.kink(turned, direction)
-        time, then = time_until(direction * (place - e), jnp.abs(speed), direction * gain)
-        missed = (0.5 - jnp.abs(time)) ** 2 / 2
-        inside = (jnp.abs(time) < 0.5) & (then > 0)
-        kink = jnp.where(inside, -constants.modulus * jump * direction * then * missed, 0.0)
-    state, lost, kink = constants.once((state, lost, kink))
-    return HysteresisStep(HysteresisState(state, e, change), elongation, lost, kink)
+    if not hasattr(law, "kink"):
+        return state, jnp.zeros_like(e)
+    direction = jnp.where(speed < 0, -1.0, 1.0).astype(e.dtype)
+    place, jump = law.kink(turned, direction)
+    time, then = time_until(direction * (place - e), jnp.abs(speed), direction * gain)
+    missed = (0.5 - jnp.abs(time)) ** 2 / 2
+    inside = (jnp.abs(time) < 0.5) & (then > 0)
+    return state, jnp.where(inside, -jump * direction * then * missed, 0.0)
 
 
 def moved(constants: HysteresisConstants, now: HysteresisStep, sample: jax.Array) -> HysteresisStep:
     """The rod with the force of another elongation: after an impact the mean sample of the kick."""
-    e = _within(constants.ultimate, sample)
+    e = constants.within(sample)
     state = constants.law.advance(now.state.of_law, now.state.elongation, e)
     lost = constants.modulus * (sample - constants.law.reduced_force(e, state))
     return now._replace(lost=lost)
-
-
-def _within(limit: Any, elongation: jax.Array) -> jax.Array:
-    """The elongation, or the limit beyond which a rod has collapsed."""
-    low = jnp.where(elongation < -limit, -limit, elongation)
-    return jnp.where(low > limit, limit, low)
 
 
 class CyclicTest(NamedTuple):
@@ -175,7 +200,7 @@ def _tested(rod: HysteresisConstants, turns: jax.Array, steps: int) -> CyclicTes
     share = jnp.arange(1, steps + 1, dtype=turns.dtype)[None] / steps
     between = turns[:-1, None] * (1 - share) + turns[1:, None] * share
     x, law = jnp.append(turns[0], between.reshape(-1)), rod.law
-    path = _within(rod.ultimate, x)
+    path = rod.within(x)
 
     def step(before: tuple[Any, Any], e: Any) -> tuple[Any, Any]:
         state = law.advance(*before, e)

@@ -21,7 +21,7 @@ def advance(carry, sums, m, entry):
     return carry, c, (carry, {"c": c[0], "m": jnp.where(m < 0, 0, m)})
 
 
-@partial(jax.jit, static_argnames=("history", "looped", "segmented", "checkpoint"))
+@partial(jax.jit, static_argnames=("history", "block", "segmented", "checkpoint"))
 def run(inputs, history, **layout):
     orders = [jnp.asarray(order) for order in ORDERS]
     zero = jnp.zeros(())
@@ -36,8 +36,13 @@ def test_every_layout_takes_the_same_steps(n, history):
     assert carries.shape == (n + 1,)
     np.testing.assert_array_equal(seen["m"], np.arange(n + 1))
     assert end == carries[-1]
-    for layout in ({"looped": True}, {"looped": True, "segmented": True}, {"checkpoint": True}):
+    loop, slope = (
+        {"block": "loop"},
+        jax.grad(lambda inputs, **layout: run(inputs, history, **layout)[0]),
+    )
+    for layout in (loop, loop | {"segmented": True}, {"checkpoint": True}, {"block": "recomputed"}):
         np.testing.assert_allclose(run(inputs, history, **layout)[1][0], carries, rtol=1e-12)
+    np.testing.assert_allclose(slope(inputs, block="recomputed"), slope(inputs), rtol=1e-12)
 
 
 def test_a_derivative_of_zero_stays_zero_in_both_modes():
