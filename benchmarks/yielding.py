@@ -1,9 +1,10 @@
-"""Cost of storeys that yield beside elastic ones with the same memory, in one process.
+"""Cost of storeys that yield beside elastic fractional ones, in one process.
 
     python benchmarks/yielding.py
 
 Runs, gradients in reverse mode and compile times of a building, elastic and yielding, and the
-ratios; by the smallest of several alternating measurements.
+ratios; by the smallest of several alternating measurements. A batch is of buildings that differ in
+stiffness.
 """
 
 import time
@@ -16,11 +17,16 @@ jax.config.update("jax_enable_x64", True)
 import jaxpound as jp  # noqa: E402
 
 STEEL = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
+BILINEAR, BOUC_WEN = jp.Bilinear(0.1, 0.05), jp.BoucWen(0.1, 0.05, 2.0, 0.5)
+ELASTIC = "elastic, with memory"
 MATERIALS = {
-    "elastic": STEEL,
-    "bilinear": jp.YieldingZener(STEEL, jp.Bilinear(0.1, 0.05)),
-    "Bouc–Wen": jp.YieldingZener(STEEL, jp.BoucWen(0.1, 0.05, 2.0, 0.5)),
+    ELASTIC: STEEL,
+    "bilinear": BILINEAR,
+    "bilinear, with memory": jp.YieldingZener(STEEL, BILINEAR),
+    "Bouc–Wen": BOUC_WEN,
+    "Bouc–Wen, with memory": jp.YieldingZener(STEEL, BOUC_WEN),
 }
+CASES = ((1, 20_000, 1), (3, 8_000, 1), (10, 4_000, 1), (1, 500, 960), (3, 500, 512))
 GROUND = jp.Ricker(0.3, [1.5, 2.0, 2.5], [2.0, 4.0, 6.0])
 
 
@@ -50,12 +56,14 @@ def seconds(programs, args, repeats=9):
 
 def main() -> None:
     """Print the table."""
-    for n, steps in ((1, 20_000), (10, 4_000)):
+    for n, steps, runs in CASES:
         grid = jp.TimeGrid(0.01, steps)
-        args = {name: (jnp.asarray(20.0), law) for name, law in MATERIALS.items()}
+        stiffness = jnp.linspace(15.0, 25.0, runs) if runs > 1 else jnp.asarray(20.0)
+        args = {name: (stiffness, law) for name, law in MATERIALS.items()}
 
         def run(stiffness, law, n=n, grid=grid):
-            return largest(stiffness, law, n, grid)
+            each = jax.vmap(largest, (0, None, None, None)) if stiffness.ndim else largest
+            return each(stiffness, law, n, grid).sum()
 
         values, gradients, costs = {}, {}, {}
         for name in MATERIALS:
@@ -63,14 +71,16 @@ def main() -> None:
             gradients[name], second = compiled(jax.value_and_grad(run), *args[name])
             costs[name] = first, second
         of_value, of_gradient = (seconds(programs, args) for programs in (values, gradients))
-        print(f"{n} storeys, {steps} steps: run, gradient, compilation of both; over the elastic")
+        storeys = f"{n} storeys, {steps} steps" + (f", batch of {runs}" if runs > 1 else "")
+        print(f"{storeys}: run, gradient, compilation of both; over the elastic")
         for name in MATERIALS:
             numbers = (of_value[name], of_gradient[name], *costs[name])
-            elastic = (of_value["elastic"], of_gradient["elastic"], *costs["elastic"])
+            elastic = (of_value[ELASTIC], of_gradient[ELASTIC], *costs[ELASTIC])
             ratios = [x / y for x, y in zip(numbers, elastic, strict=True)]
             print(
-                f"  {name:9}",
+                f"  {name:22}",
                 *(f"{x:8.4f} s ({r:.2f})" for x, r in zip(numbers, ratios, strict=True)),
+                flush=True,
             )
 
 

@@ -28,7 +28,7 @@ class _SliderStep(NamedTuple):
     kink: jax.Array  # what p at the end exceeds its mean over the kick by
 
 
-class _Events(NamedTuple):
+class _SliderPath(NamedTuple):
     speed: jax.Array  # of the elongation at the end
     turns: jax.Array  # whether it turns
     ratio: jax.Array  # r, 0 if it does not
@@ -53,10 +53,10 @@ def slider_step(
 
 @jax.custom_jvp
 def _step(e_y: Any, place: Any, last: Any, change: Any, gain: Any, e: Any) -> _SliderStep:
-    return _outcome(place, _events(e_y, place, last, change, gain, e))
+    return _outcome(place, _path(e_y, place, last, change, gain, e))
 
 
-def _events(e_y: Any, place: Any, last: Any, change: Any, gain: Any, e: Any) -> _Events:
+def _path(e_y: Any, place: Any, last: Any, change: Any, gain: Any, e: Any) -> _SliderPath:
     speed = change + gain / 2
     turns = speed * (speed - gain) < 0
     ratio = jnp.where(turns, speed / jnp.where(turns, gain, 1.0), 0.0)
@@ -69,14 +69,14 @@ def _events(e_y: Any, place: Any, last: Any, change: Any, gain: Any, e: Any) -> 
     time = 2 * room / (jnp.abs(speed) + speed_then)
     left = jnp.where(passes, larger(0.5 - jnp.abs(time), 0.0), 0.0)
     place = _followed(turned, e, e_y)
-    return _Events(speed, turns, ratio, turned, place, way, room, speed_then, time, left)
+    return _SliderPath(speed, turns, ratio, turned, place, way, room, speed_then, time, left)
 
 
 def _followed(place: jax.Array, e: jax.Array, e_y: jax.Array) -> jax.Array:
     return larger(smaller(place, e + e_y), e - e_y)
 
 
-def _outcome(place: jax.Array, x: _Events) -> _SliderStep:
+def _outcome(place: jax.Array, x: _SliderPath) -> _SliderStep:
     slid = jnp.abs(x.turned - place) + jnp.abs(x.place - x.turned)
     return _SliderStep(x.place, slid, x.way * x.speed_then * x.left**2 / 2)
 
@@ -85,7 +85,7 @@ def _outcome(place: jax.Array, x: _Events) -> _SliderStep:
 def _(primals: Any, tangents: Any) -> tuple[_SliderStep, _SliderStep]:
     _, place, _, _, gain, _ = primals
     d_e_y, d_place, d_last, d_change, d_gain, d_e = tangents
-    x, d_speed = _events(*primals), d_change + d_gain / 2
+    x, d_speed = _path(*primals), d_change + d_gain / 2
     d_at_turn = jnp.where(x.turns, d_e - x.ratio * d_speed + x.ratio**2 / 2 * d_gain, d_last)
     first, second = jnp.sign(x.turned - place), jnp.sign(x.place - x.turned)
     d_turned = jnp.where(first == 0, d_place, d_at_turn) - first * d_e_y

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 
 from jaxpound.model.topology import GROUND, elongation, link_groups
 from jaxpound.simulation import state
+from jaxpound.simulation.alike import map_alike
 from jaxpound.simulation.contact import group as contact_group
 from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep
 from jaxpound.simulation.contact.group_flows import GroupFlows, Groups, flows_of, need_flows
@@ -72,7 +73,7 @@ def step(
     )
 
     rod_steps = this.rod_steps(sums)
-    yielding = [this.yielding(r, length) for r, length in enumerate(elongations)]
+    yielding = this.yielding(elongations)
     forces, loads, pulls = this.loads(rod_steps, yielding)
     groups = this.groups(pulls)
     flows = [flows_of(*of_groups) for of_groups in groups] if with_flows else []
@@ -161,14 +162,15 @@ class _Step(NamedTuple):
             for law, excess, x in rods
         ]
 
-    def yielding(self, rod: int, elongation: jax.Array) -> HysteresisStep | None:
-        """A rod at t_m, if it yields, with an elongation."""
-        law, before = self.system.hysteresis[rod], self.before.yielding[rod]
-        if law is None or before is None:
-            return None
-        return hysteresis_step(
-            law, before, elongation, self.starting.hysteresis_starts(self.is_first)
-        )
+    def yielding(self, elongations: Sequence[jax.Array]) -> list[HysteresisStep | None]:
+        """The rods at t_m, if they yield, with their elongations."""
+        starts = self.starting.hysteresis_starts(self.is_first)
+        rods = zip(self.system.hysteresis, self.before.yielding, elongations, strict=True)
+        those = {r: rod for r, rod in enumerate(rods) if rod[0] is not None}
+        function = partial(hysteresis_step, is_first=starts)
+        steps = map_alike(function, [*those.values()], self.system.has_long_laws)
+        by_number = dict(zip(those, steps, strict=True))
+        return [by_number.get(r) for r in range(len(elongations))]
 
     def loads(
         self, rod_steps: Sequence[RodStep], yielding: Sequence[HysteresisStep | None]
@@ -201,15 +203,17 @@ class _Step(NamedTuple):
             return [elongation(ends, by_number) for ends in system.topology.rods]
 
         to_mean = shifts(lambda flow: flow.shift)
-        to_now = shifts(lambda flow: flow.shift_now) if any(system.hysteresis) else []
-        rods, yielding = list(rods), list(yielding)
+        rods, yielding, now = list(rods), list(yielding), list[HysteresisStep | None]()
+        if any(system.hysteresis):
+            to_now = shifts(lambda flow: flow.shift_now)
+            now = self.yielding([x + dx for x, dx in zip(self.elongations, to_now, strict=True)])
         for k, ends in enumerate(system.topology.rods):
             if not changed & {*ends}:
                 continue
             rods[k] = rod_moved(system.rods[k], rods[k], to_mean[k])
             if law := system.hysteresis[k]:
-                now = cast("HysteresisStep", self.yielding(k, self.elongations[k] + to_now[k]))
-                yielding[k] = moved(law, now, self.elongations[k] + to_mean[k])
+                of_rod = cast("HysteresisStep", now[k])
+                yielding[k] = moved(law, of_rod, self.elongations[k] + to_mean[k])
         return rods, yielding
 
     def _group_step(self, groups: Groups, pulls: Sequence[jax.Array]) -> GroupStep:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax.ad_checkpoint import checkpoint_name
 
 from jaxpound.model.topology import GROUND, LinkGroup
+from jaxpound.simulation.alike import by_kind, stacked
 from jaxpound.simulation.contact.group import (
     Coupling,
     GroupStep,
@@ -109,19 +110,13 @@ class GroupFlows(NamedTuple):
 
 def alike(places: Mapping[int, LinkGroup], couplings: Mapping[int, Coupling]) -> tuple[Groups, ...]:
     """Groups, by their numbers, together where their constants have the same shapes."""
-    together: dict[Any, list[int]] = {}
-    for number, coupling in couplings.items():
-        shapes = tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(coupling))
-        place = places[number]
-        key = jax.tree.structure(coupling), shapes, place.faces, place.root == GROUND
-        together.setdefault(key, []).append(number)
-    groups = []
-    for numbers in together.values():
-        coupling = couplings[numbers[0]]
-        if len(numbers) > 1:
-            of_each = (couplings[number] for number in numbers)
-            coupling = jax.tree.map(lambda *y: jnp.stack(y), *of_each)
-        groups.append(Groups({number: places[number] for number in numbers}, coupling))
+    numbers, groups = [*couplings], list[Groups]()
+    kinds = [(of, places[n].faces, places[n].root == GROUND) for n, of in couplings.items()]
+    for kind in by_kind(kinds):
+        those = [numbers[i] for i in kind]
+        of_each = [couplings[n] for n in those]
+        coupling = stacked(of_each) if len(those) > 1 else of_each[0]
+        groups.append(Groups({n: places[n] for n in those}, coupling))
     return tuple(groups)
 
 
