@@ -183,7 +183,7 @@ def limits(seconds):
     jaxpr = jax.make_jaxpr(demand)(*one).jaxpr
     operations = count(jaxpr)
     scans = [e for e in equations(jaxpr) if e.primitive.name == "scan"]
-    state = max(sum(v.aval.size for v in e.outvars[: e.params["num_carry"]]) for e in scans)
+    state = max(sum(v.aval.size for v in e.outvars[: e.params.get("num_carry")]) for e in scans)
     n = 4096 if GPU else 2048
     square, long = jnp.ones((n, n)), jnp.ones(2**26)
     flat = np.ones((n, n))

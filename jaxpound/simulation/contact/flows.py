@@ -18,9 +18,9 @@ from jaxpound.simulation.contact.lanes import where_needed
 from jaxpound.simulation.contact.local_flow import LocalFlow
 from jaxpound.simulation.contact.records import DISCRETE, Clock, FlowInput, FlowResult
 
-_LANES, _LANES_IN_REVERSE = 8, 2
-"""Lanes of a batch, at most, that are followed side by side where flows are no kernels; in reverse
-each of them has a dozen columns."""
+_LANES, _LANES_IN_REVERSE, _LANES_ON_GPU = 8, 2, 256
+"""Lanes of a batch, at most, that are followed side by side where flows are no kernels: on CPUs, in
+reverse (each of them has a dozen columns), and on GPUs."""
 
 _TERMS, _MOST_LINKS = 7 * len(STAGES), 16
 """Numbers, for each link, of the largest sum in a flow: that of the weights by which a substep is
@@ -83,6 +83,7 @@ def _differentiable(
 
     def in_lanes(program: Program, reverse: bool) -> Program:
         width = _LANES_IN_REVERSE if reverse else _LANES
+        width = width if jax.default_backend() == "cpu" else _LANES_ON_GPU
         work = where_needed(program, None if in_kernel else width)
 
         def mapped(inputs: FlowInput, constants: tuple[jax.Array, Clock], *more: Any) -> Any:
