@@ -19,9 +19,9 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.topology import GROUND, elongation, link_groups
+from jaxpound.model.topology import GROUND, LinkGroup, elongation, link_groups
 from jaxpound.simulation import state
-from jaxpound.simulation.alike import map_alike
+from jaxpound.simulation.alike import map_alike, unstacked
 from jaxpound.simulation.contact import group as contact_group
 from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep
 from jaxpound.simulation.contact.group_flows import GroupFlows, Groups, flows_of, need_flows
@@ -260,10 +260,13 @@ class _Step(NamedTuple):
         for n, of_groups in enumerate(groups):
             after = self._after_flow(flows[n], pulls) if flows else self._without_flow(*of_groups)
             moved |= of_groups[0].by_link(after)
+        for number, group in enumerate(link_groups(self.system.topology)):
+            if number not in self.system.mass_shares:
+                for k, motion in self._slides(group, pulls).items():
+                    moved[k] = self.before.links[k].closing, None, motion
         closings, contacts, motions = [], [], []
         for k, link in enumerate(self.before.links):
-            of_link = moved[k] if k in moved else (link.closing, None, self._slide(k, pulls[k]))
-            closing, contact, motion = self.starting.link(link, of_link, self.is_first, self.dt)
+            closing, contact, motion = self.starting.link(link, moved[k], self.is_first, self.dt)
             closings.append(closing)
             contacts.append(contact)
             motions.append(motion)
@@ -294,6 +297,15 @@ class _Step(NamedTuple):
         if before.on_ground:
             motion = self.starting.on_ground(motion, self.is_first, self.scheme)
         return contact_group.with_other_faces(motion, before.faces)
+
+    def _slides(self, group: LinkGroup, pulls: Sequence[jax.Array]) -> dict[int, LinkMotion]:
+        """Motion of a link that needs no flow, and as its other face sees it, if it has one."""
+        motion = self._slide(group.links[0], pulls[group.links[0]])
+        if not group.faces:
+            return {group.links[0]: motion}
+        single = jax.tree.map(lambda y: y[None], motion)
+        by_face = unstacked(contact_group.with_other_faces(single, group.faces))
+        return dict(zip(group.links, by_face, strict=True))
 
     def _slide(self, k: int, pull: jax.Array) -> LinkMotion:
         """Motion of a link that shares no mass, without contact."""

@@ -44,6 +44,25 @@ def test_both_faces_are_hit_again_and_again_within_one_step():
     np.testing.assert_allclose(end.log.farthest, [right, left], rtol=1e-12)
 
 
+@pytest.mark.parametrize("next_floor", [jp.GROUND, None])
+def test_gaps_on_both_sides_without_contact_leave_the_motion_as_it_is(next_floor):
+    """Of a base that slides on the ground, far from its wall, and between two buildings."""
+    rods = (jp.Rod(jp.ZenerRod(0.5, 0.01, 0.05), stiffness) for stiffness in (20.0, 9.0))
+    storeys = tuple(jp.Storeys((1.0,), rod) for rod in rods)
+
+    def run(gap):
+        link = jp.FloorLink(0, 0, next_floor, friction=0.05, gap=gap)
+        return jp.demand(jp.Row(storeys, (link,)), jp.paper.ground(), moats.GRID)
+
+    one_side, both = run(2.0), run((1.5, 2.0))
+    (alone,), (face, other) = one_side.links, both.links
+    np.testing.assert_allclose(*map(jax.tree.leaves, (both.masses, one_side.masses)), rtol=1e-12)
+    for name in ("min_gap", "residual_offset", "slip_distance"):
+        np.testing.assert_allclose(getattr(face, name), getattr(alone, name), rtol=1e-12)
+    assert other.residual_offset == -face.residual_offset != 0
+    assert other.slip_distance == face.slip_distance
+
+
 @pytest.mark.parametrize("name", ["one mass", "storey above"])
 def test_the_mirror_image_has_the_faces_of_the_other_side(name):
     moats.check_mirror(name)
