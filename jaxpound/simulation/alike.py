@@ -10,7 +10,10 @@ import jax.numpy as jnp
 
 
 def by_kind(trees: Sequence[Any]) -> list[list[int]]:
-    """The places of pytrees, those of the same structure and shapes together."""
+    """The places of pytrees, those of the same structure and shapes together.
+
+    Values of leaves are not compared; keys of dictionaries are part of the structure.
+    """
     kinds: dict[Any, list[int]] = {}
     for n, tree in enumerate(trees):
         shapes = tuple(map(jnp.shape, jax.tree.leaves(tree)))
@@ -36,12 +39,12 @@ def map_alike(
     """A function of each tuple of arguments; ``together`` by ``vmap`` of those that are alike."""
     if not together:
         return [function(*args) for args in arguments]
-    results = [None] * len(arguments)
+    results: list[Any] = [None] * len(arguments)
     for places in by_kind(arguments):
         if len(places) == 1:
-            steps = [function(*arguments[places[0]])]
+            of_kind = [function(*arguments[places[0]])]
         else:
-            steps = unstacked(jax.vmap(function)(*stacked([arguments[n] for n in places])))
-        for n, step in zip(places, steps, strict=True):
-            results[n] = step
+            of_kind = unstacked(jax.vmap(function)(*stacked([arguments[n] for n in places])))
+        for n, result in zip(places, of_kind, strict=True):
+            results[n] = result
     return results

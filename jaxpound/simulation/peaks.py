@@ -18,7 +18,7 @@ from jaxpound._extrema import larger
 class Peak(NamedTuple):
     """Largest absolute value of a series, between its samples too where it is smooth.
 
-    Or of several series, in arrays.
+    Its numbers may be arrays, of several series.
     """
 
     largest: jax.Array

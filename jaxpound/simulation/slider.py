@@ -5,10 +5,12 @@ elongation e to where it turns, and from there to the end. The derivative of tha
 repeats all of it; in closed form it needs a few factors. With p the place of the slider and s the
 elongation at the turn,
 
-    dp = de ∓ de_y where the slider moves, else 0,    ds = de − r dv + r²/2 dg,
+    dp = de ∓ de_y where the slider moves, else it stays,    ds = de − r dv + r²/2 dg,
 
 with the speed v at the end, its gain g over the step and r = v/g. The slider starts at τ, within
-half a step of the end, by |v| τ + |g| τ²/2 = room, with g positive where the motion gains speed.
+half a step of the end, where |v| τ + g τ²/2 is its room, g being positive where the motion gains
+speed. The kink is half of the speed then times (1/2 − |τ|)²; its derivative has a factor for each
+of room, v and g. Where two cases tie it is that of one of them or their mean.
 """
 
 from __future__ import annotations

@@ -61,6 +61,7 @@ class HysteresisConstants(NamedTuple):
 
 @jax.custom_jvp
 def _within(x: jax.Array, limit: jax.Array) -> jax.Array:
+    """The number within ±limit; its derivative is one choice, where JAX would make two."""
     return larger(smaller(x, limit), -limit)
 
 

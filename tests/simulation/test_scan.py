@@ -36,10 +36,8 @@ def test_every_layout_takes_the_same_steps(n, history):
     assert carries.shape == (n + 1,)
     np.testing.assert_array_equal(seen["m"], np.arange(n + 1))
     assert end == carries[-1]
-    loop, slope = (
-        {"block": "loop"},
-        jax.grad(lambda inputs, **layout: run(inputs, history, **layout)[0]),
-    )
+    loop = {"block": "loop"}
+    slope = jax.grad(lambda inputs, **layout: run(inputs, history, **layout)[0])
     for layout in (loop, loop | {"segmented": True}, {"checkpoint": True}, {"block": "recomputed"}):
         np.testing.assert_allclose(run(inputs, history, **layout)[1][0], carries, rtol=1e-12)
     np.testing.assert_allclose(slope(inputs, block="recomputed"), slope(inputs), rtol=1e-12)

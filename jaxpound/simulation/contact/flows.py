@@ -19,8 +19,8 @@ from jaxpound.simulation.contact.local_flow import LocalFlow
 from jaxpound.simulation.contact.records import DISCRETE, Clock, FlowInput, FlowResult
 
 _LANES, _LANES_IN_REVERSE, _LANES_ON_GPU = 8, 2, 256
-"""Lanes of a batch, at most, that are followed side by side where flows are no kernels: on CPUs, in
-reverse (each of them has a dozen columns), and on GPUs."""
+"""Lanes of a batch, at most, that are followed side by side where flows are no kernels: on CPUs, on
+CPUs in reverse (each of them has a dozen columns), and on other devices."""
 
 _TERMS, _MOST_LINKS = 7 * len(STAGES), 16
 """Numbers, for each link, of the largest sum in a flow: that of the weights by which a substep is

@@ -61,12 +61,12 @@ class Groups(NamedTuple):
         return self._replace(coupling=coupling._replace(delassus=share * coupling.delassus))
 
     def map(self, function: Callable[..., Any], *values: Any) -> Any:
-        """A function of the coupling of a group, and of its part of some values, for each group."""
+        """A function of the coupling and further values of a group, applied to each group."""
         function = jax.vmap(function) if len(self.places) > 1 else function
         return function(self.coupling, *values)
 
     def gather(self, by_link: Sequence[Any]) -> Any:
-        """Arrays of the numbers of the links, from pytrees of them."""
+        """The values of the groups' links, stacked leaf by leaf into arrays of their ``shape``."""
         of_links = (by_link[k] for k in self.links)
         return jax.tree.map(lambda *y: jnp.stack(y).reshape(self.shape), *of_links)
 
@@ -111,7 +111,8 @@ class GroupFlows(NamedTuple):
 def alike(places: Mapping[int, LinkGroup], couplings: Mapping[int, Coupling]) -> tuple[Groups, ...]:
     """Groups, by their numbers, together where their constants have the same shapes."""
     numbers, groups = [*couplings], list[Groups]()
-    kinds = [(of, places[n].faces, places[n].root == GROUND) for n, of in couplings.items()]
+    # As keys, since values of numbers are not compared.
+    kinds = [{(places[n].faces, places[n].root == GROUND): of} for n, of in couplings.items()]
     for kind in by_kind(kinds):
         those = [numbers[i] for i in kind]
         of_each = [couplings[n] for n in those]
