@@ -29,8 +29,9 @@ def stacked(trees: Sequence[Any]) -> Any:
 def unstacked(tree: Any) -> list[Any]:
     """The pytrees of which one is ``stacked``."""
     leaves, structure = jax.tree.flatten(tree)
-    rows = zip(*map(jnp.unstack, leaves), strict=True)
-    return [jax.tree.unflatten(structure, row) for row in rows]
+    # A single one without slices, which would lengthen the program.
+    apart = ([y.squeeze(0)] if len(y) == 1 else jnp.unstack(y) for y in leaves)
+    return [jax.tree.unflatten(structure, row) for row in zip(*apart, strict=True)]
 
 
 def map_alike(

@@ -43,6 +43,11 @@ class _SliderPath(NamedTuple):
     left: jax.Array  # 1/2 − |τ| if the slider starts within half a step of the end, else 0
 
 
+def has_slider(law: Any) -> bool:
+    """Whether a law is ``Bilinear`` itself; a class derived from it may have other rules."""
+    return type(law) is Bilinear
+
+
 def slider_step(
     law: Bilinear, before: Plastic, last: Any, change: Any, gain: Any, e: Any
 ) -> tuple[Plastic, jax.Array]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 
 from jaxpound.model.dampers import Dashpot, PowerLaw
-from jaxpound.model.hysteresis import Bilinear, hysteresis_of, zener_of
+from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import System
 from jaxpound.model.topology import GROUND, Ends, Topology, elongation, link_groups
 from jaxpound.simulation.contact.group import ContactState, coupling, needs_flow
@@ -18,6 +18,7 @@ from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
 from jaxpound.simulation.scan import BlockForm
+from jaxpound.simulation.slider import has_slider
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState
 
 IN_KERNEL = 8
@@ -52,7 +53,7 @@ class StepConstants(NamedTuple):
     def is_long(self) -> bool:
         """Whether a step is too long for a block to be unrolled (``WRITTEN_OUT``)."""
         laws = self.yielding_laws
-        is_simple = not laws or (len(self.rods) == 1 and isinstance(laws[0], Bilinear))
+        is_simple = not laws or (len(self.rods) == 1 and has_slider(laws[0]))
         return self.may_flow or len(self.rods) > WRITTEN_OUT or not is_simple
 
     @property
@@ -83,7 +84,7 @@ class StepConstants(NamedTuple):
         They compile in half of the time; batches take up to 1.5 times as long, so that bilinear
         rods, which are short, are not.
         """
-        is_short = all(isinstance(law, Bilinear) for law in self.yielding_laws)
+        is_short = all(map(has_slider, self.yielding_laws))
         return len(self.rods) > IN_KERNEL and not is_short
 
     @property

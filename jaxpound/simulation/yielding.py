@@ -25,9 +25,9 @@ from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import rules
 from jaxpound.model.dampers import Dashpot
-from jaxpound.model.hysteresis import Bilinear, HysteresisLaw
+from jaxpound.model.hysteresis import HysteresisLaw
 from jaxpound.model.system import Rod
-from jaxpound.simulation.slider import slider_step
+from jaxpound.simulation.slider import has_slider, slider_step
 
 
 class HysteresisConstants(NamedTuple):
@@ -118,7 +118,7 @@ def hysteresis_step(
         now = HysteresisState(state, e, change)
         return HysteresisStep(now, elongation, lost, jnp.zeros_like(lost))
     path = last, change, change - before.change, e
-    if isinstance(law, Bilinear):
+    if has_slider(law):
         state, kink = slider_step(law, before.of_law, *path)
     else:
         state, kink = followed(constants, before.of_law, *path)

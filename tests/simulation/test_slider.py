@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound._fields import pytree_dataclass
 from jaxpound.model.hysteresis import Plastic
 from jaxpound.simulation.slider import slider_step
 from jaxpound.simulation.yielding import HysteresisConstants, followed
@@ -60,3 +61,23 @@ def test_so_do_its_derivatives(mode):
     assert np.abs((closed - by_rules) / scale).max() < 1e-9
     changes = (np.abs(by_rules) > 1e-3).any((1, 2))
     assert changes.tolist() == [i != 3 for i in range(7)]  # all but the elongation before
+
+
+def test_a_class_derived_from_the_bilinear_rod_keeps_its_own_rules():
+    """One whose slider is stuck never yields."""
+
+    @pytree_dataclass
+    class Stuck(jp.Bilinear):
+        def advance(self, state, before, after):
+            return state
+
+        def kink(self, state, direction):
+            return jp.Bilinear.kink(self, state, direction)[0], 0.0
+
+    grid, ground = jp.TimeGrid(0.02, 200), jp.Ricker(0.5, (2.0,), (1.5,))
+    stuck, elastic, bilinear = (
+        float(jp.demand(jp.Storeys((1.0,), jp.Rod(law, 20.0)), ground, grid).masses[0].peak_x)
+        for law in (Stuck(0.01), jp.Bilinear(1e3), jp.Bilinear(0.01))
+    )
+    assert stuck == pytest.approx(elastic, rel=1e-12)
+    assert abs(bilinear - elastic) > 0.01

@@ -82,8 +82,9 @@ def _differentiable(
         return not (path[0].name == "contact" and path[1].name in DISCRETE)
 
     def in_lanes(program: Program, reverse: bool) -> Program:
-        width = _LANES_IN_REVERSE if reverse else _LANES
-        width = width if jax.default_backend() == "cpu" else _LANES_ON_GPU
+        width = _LANES_ON_GPU
+        if jax.default_backend() == "cpu":
+            width = _LANES_IN_REVERSE if reverse else _LANES
         work = where_needed(program, None if in_kernel else width)
 
         def mapped(inputs: FlowInput, constants: tuple[jax.Array, Clock], *more: Any) -> Any:

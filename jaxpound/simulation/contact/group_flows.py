@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax.ad_checkpoint import checkpoint_name
 
 from jaxpound.model.topology import GROUND, LinkGroup
-from jaxpound.simulation.alike import by_kind, stacked
+from jaxpound.simulation.alike import by_kind, stacked, unstacked
 from jaxpound.simulation.contact.group import (
     Coupling,
     GroupStep,
@@ -72,13 +72,9 @@ class Groups(NamedTuple):
 
     def by_link(self, values: Any) -> dict[int, Any]:
         """The entries of arrays of numbers of the faces."""
-        leaves, structure = jax.tree.flatten(values)
         links, axes = self.links, len(self.shape)
-        flat = [y.reshape(len(links), *y.shape[axes:]) for y in leaves]
-        # Of one link without slices, which would lengthen the program.
-        apart = map(jnp.unstack, flat) if len(links) > 1 else ([y.squeeze(0)] for y in flat)
-        of_links = zip(links, zip(*apart, strict=True), strict=True)
-        return {k: jax.tree.unflatten(structure, numbers) for k, numbers in of_links}
+        flat = jax.tree.map(lambda y: y.reshape(len(links), *y.shape[axes:]), values)
+        return dict(zip(links, unstacked(flat), strict=True))
 
 
 class GroupFlows(NamedTuple):
