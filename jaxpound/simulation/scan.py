@@ -78,6 +78,7 @@ def scan_with_history(
 
     def single_step(advance: Advance, state: Any, item: Any) -> tuple[Any, Any]:
         m, carry, past = state
+        carry = jax.tree.map(partial(_differentiated_once, one), carry)
         far, entry = item
         sums = [
             ahead.squeeze() + sum(w.squeeze() * y for w, y in zip(weight, c[::-1], strict=False))
@@ -88,6 +89,7 @@ def scan_with_history(
 
     # Derived from the carry, so that it varies over the mesh axes as the carry does (shard_map).
     zero = 0 * jax.tree.leaves(carry)[0]
+    one = lax.stop_gradient(1 + zero)
     # A step is traced and differentiated once, not for every step of a block.
     whole = partial(single_step, jax.jit(advance))
     steps: Callable[..., Any] = partial(_written_out, whole)
@@ -126,6 +128,22 @@ def scan_with_history(
         out = jax.tree.map(lambda *x: jnp.stack(x, -1), *out)
     series = jax.tree.map(lambda x: x.reshape(-1)[idle:], out)
     return state[1], series
+
+
+@jax.custom_jvp
+def _differentiated_once(one: jax.Array, x: jax.Array) -> jax.Array:
+    """x, whose derivative in reverse mode XLA computes once.
+
+    All but quotients XLA computes again for each use: the derivative is divided by 1, a 1 that XLA
+    does not know.
+    """
+    return x
+
+
+@_differentiated_once.defjvp
+def _(primals: Any, tangents: Any) -> tuple[jax.Array, jax.Array]:
+    (one, x), (_, change) = primals, tangents
+    return x, change / one if change.dtype == one.dtype else change
 
 
 def _written_out(single_step: SingleStep, state: Any, ahead: Any, entries: Any) -> Any:
