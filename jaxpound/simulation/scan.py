@@ -72,13 +72,15 @@ def scan_with_history(
     ``advance`` does in steps that need no more, and its out is (out, whether the step needs more).
     """
     segments, segment, idle = _layout(n_steps, segmented or checkpoint)
+    in_loop = block in ("loop", "kernel")
     kernels = [history.kernel(order, n_steps) for order in orders]
     weights = map(history.near, kernels, orders)
     near = [lax.split(weights_of_rod, (1,) * NEAR) for weights_of_rod in weights]
 
     def single_step(advance: Advance, state: Any, item: Any) -> tuple[Any, Any]:
         m, carry, past = state
-        carry = jax.tree.map(partial(_differentiated_once, one), carry)
+        if not in_loop:  # which computes it once anyway
+            carry = jax.tree.map(partial(_differentiated_once, one), carry)
         far, entry = item
         sums = [
             ahead.squeeze() + sum(w.squeeze() * y for w, y in zip(weight, c[::-1], strict=False))
@@ -93,7 +95,7 @@ def scan_with_history(
     # A step is traced and differentiated once, not for every step of a block.
     whole = partial(single_step, jax.jit(advance))
     steps: Callable[..., Any] = partial(_written_out, whole)
-    if in_loop := block in ("loop", "kernel"):
+    if in_loop:
         steps = partial(_in_loop, whole, zero, block == "kernel")
     elif block == "recomputed":
         steps = jax.checkpoint(steps, prevent_cse=False)

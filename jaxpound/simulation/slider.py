@@ -85,7 +85,8 @@ def _followed(place: jax.Array, e: jax.Array, e_y: jax.Array) -> jax.Array:
 
 def _outcome(place: jax.Array, x: _SliderPath) -> _SliderStep:
     slid = jnp.abs(x.turned - place) + jnp.abs(x.place - x.turned)
-    return _SliderStep(x.place, slid, x.way * x.speed_then * x.left**2 / 2)
+    # As a quotient XLA computes it once; it computes products again for each use.
+    return _SliderStep(x.place, slid, x.way * (x.speed_then * x.left) ** 2 / (2 * x.speed_then))
 
 
 @_step.defjvp

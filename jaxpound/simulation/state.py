@@ -26,8 +26,9 @@ IN_KERNEL = 8
 them have a shortcut. Longer programs take long to compile."""
 
 WRITTEN_OUT = 4
-"""Rods up to which the steps of a block are unrolled, or one bilinear rod; beyond, and where links
-may need the local flow, they are a loop, which compiles in a third of the time."""
+"""Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
+flow or rods have another law of hysteresis than ``Bilinear``, they are a loop, which compiles in a
+third of the time."""
 
 
 def each(function: Callable[..., Any], *series: Iterable[Any]) -> tuple[Any, ...]:
@@ -52,9 +53,8 @@ class StepConstants(NamedTuple):
     @property
     def is_long(self) -> bool:
         """Whether a step is too long for a block to be unrolled (``WRITTEN_OUT``)."""
-        laws = self.yielding_laws
-        is_simple = not laws or (len(self.rods) == 1 and has_slider(laws[0]))
-        return self.may_flow or len(self.rods) > WRITTEN_OUT or not is_simple
+        has_sliders = all(map(has_slider, self.yielding_laws))
+        return self.may_flow or len(self.rods) > WRITTEN_OUT or not has_sliders
 
     @property
     def yielding_laws(self) -> list[Any]:

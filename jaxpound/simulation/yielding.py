@@ -121,10 +121,10 @@ def hysteresis_step(
     if has_slider(law):
         state, kink = slider_step(law, before.of_law, *path)
     else:
-        state, kink = followed(constants, before.of_law, *path)
+        state, kink = constants.once(followed(constants, before.of_law, *path))
     lost = constants.modulus * (elongation - law.reduced_force(e, state))
-    state, lost, kink = constants.once((state, lost, constants.modulus * kink))
-    return HysteresisStep(HysteresisState(state, e, change), elongation, lost, kink)
+    now = HysteresisState(state, e, change)
+    return HysteresisStep(now, elongation, lost, constants.modulus * kink)
 
 
 def followed(
