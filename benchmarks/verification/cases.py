@@ -13,6 +13,7 @@ from benchmarks.verification import (
     rods,
     rows,
     siconos_peer,
+    yielding,
 )
 
 CASES = {
@@ -23,6 +24,7 @@ CASES = {
     "collisions": collisions.case,
     "paper_case": paper_case.case,
     "rows": rows.case,
+    "yielding": yielding.case,
     "energy": energy.case,
     "gradients": gradients.case,
     "rare_events": rare_events.case,
