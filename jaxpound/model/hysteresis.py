@@ -127,10 +127,9 @@ class Bilinear:
         """The state after a change of the elongation in one direction: the slider follows."""
         p, e_y = state.elongation, self.yield_displacement
         low, high = after - e_y, after + e_y
-        moved = jnp.where(low > p, low - p, jnp.where(high < p, high - p, 0.0))
-        work = (1 - self.hardening) * e_y * jnp.abs(moved)
-        at = jnp.where(low > p, low, jnp.where(high < p, high, p))
-        return Plastic(at, state.dissipated + work)
+        place = jnp.where(low > p, low, jnp.where(high < p, high, p))
+        work = (1 - self.hardening) * e_y * jnp.abs(place - p)
+        return Plastic(place, state.dissipated + work)
 
     def reduced_force(self, elongation: Any, state: Plastic) -> Any:
         """The force over the stiffness K."""

@@ -25,6 +25,11 @@ class Topology(NamedTuple):
         """The loads of the rods' forces on all masses."""
         return [load_on(self.rods, mass, forces) for mass in range(self.n_masses)]
 
+    @property
+    def paths(self) -> list[Ends]:
+        """The ends of displacements that are observed: of the masses, then those of other rods."""
+        return [*dict.fromkeys([*((i, GROUND) for i in range(self.n_masses)), *self.rods])]
+
 
 def ring(topology: Topology) -> int | None:
     """The first link that closes a ring with the links before it; None if none does."""

@@ -36,7 +36,7 @@ from jaxpound.simulation.contact.group import may_flow
 from jaxpound.simulation.contact.group_flows import FLOW
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
-from jaxpound.simulation.starting import AtRest, Displaced, RunStart
+from jaxpound.simulation.starting import RunStart
 from jaxpound.simulation.state import (
     Instant,
     RunState,
@@ -139,41 +139,24 @@ class Rollout(NamedTuple):
         first = jax.tree.map(lambda x: x[0], excitation.series)
         first_acceleration = excitation.at(jnp.zeros((), dtype), first)[1]
         before = (dt * first_acceleration * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
-        starting: RunStart = AtRest(before)
-        if displaced is not None:
-            ends = constants.topology.rods
-            starting = Displaced(tuple(elongation(rod, displaced) for rod in ends))
+        rods = constants.topology.rods
+        stretched = None if displaced is None else tuple(elongation(x, displaced) for x in rods)
+        starting = RunStart(before, stretched)
 
         def advance(
-            state: RunState,
-            sums: list[jax.Array],
-            m: jax.Array,
-            entry: Any,
-            with_flows: bool,
+            state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any, with_flows: bool
         ) -> Any:
             time = m.astype(dtype) * dt
             now_and_mean = excitation.at(jnp.maximum(time, 0), entry)
             a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
             is_first, is_last = m == 0, m == grid.n_steps
             state = starting.before(state, is_first)
-            arguments = (
-                constants,
-                starting,
-                state,
-                sums,
-                time,
-                (a, mean),
-                dt,
-                scheme,
-                is_first,
-                is_last,
-                with_flows,
-            )
-            *after, instant = step(*arguments)
+            now = time, (a, mean), dt, scheme, is_first, is_last
+            *after, instant = step(constants, starting, state, sums, *now, with_flows)
             idle = [state, [zero] * len(sums)]
             return *starting.kept(time, idle, after), instant
 
-        if constants.may_flow or (constants.is_long and constants.yielding_laws):
+        if constants.groups or (constants.is_long and constants.yielding_laws):
             # Reverse mode then keeps fewer numbers of each step.
             kept = jax.checkpoint_policies.save_only_these_names(FLOW)
             advance = jax.checkpoint(advance, prevent_cse=False, policy=kept, static_argnums=(4,))

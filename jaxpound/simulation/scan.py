@@ -79,8 +79,8 @@ def scan_with_history(
 
     def single_step(advance: Advance, state: Any, item: Any) -> tuple[Any, Any]:
         m, carry, past = state
-        if not in_loop:  # which computes it once anyway
-            carry = jax.tree.map(partial(_differentiated_once, one), carry)
+        # A loop computes its carry once anyway.
+        carry = carry if in_loop else jax.tree.map(partial(_differentiated_once, one), carry)
         far, entry = item
         sums = [
             ahead.squeeze() + sum(w.squeeze() * y for w, y in zip(weight, c[::-1], strict=False))

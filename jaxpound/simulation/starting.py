@@ -9,7 +9,7 @@ twice the masses. Its rods are relaxed as they are at the start, and have consta
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -26,53 +26,77 @@ MovedLink = tuple[jax.Array, ContactState | None, LinkMotion]
 """Closing of a link at t_m, state of its contact after the step, and its motion in the step."""
 
 
-class AtRest:
-    """The start of a run at rest; ``first_velocity`` is that half a step before t = 0."""
+class RunStart(NamedTuple):
+    """The start of a run: at rest, or displaced or moving."""
 
-    halfway = True
-    """Whether flows of the first step start in its middle."""
+    first_velocity: jax.Array  # half a step before t = 0, of a run at rest
+    initial: tuple[jax.Array, ...] | None  # elongations of the rods, of any other run
 
-    def __init__(self, first_velocity: jax.Array) -> None:
-        self.first_velocity = first_velocity
+    @property
+    def at_rest(self) -> bool:
+        """Whether all is at rest: flows of the first step then start in its middle."""
+        return self.initial is None
 
     def before(self, state: RunState, is_first: jax.Array) -> RunState:
         """The state before a step, which may be the first (``is_first``)."""
+        if not self.at_rest:
+            return state
         first = self.first_velocity
         return state._replace(v=jax.tree.map(lambda v: jnp.where(is_first, first, v), state.v))
 
     def kick(
         self, system: StepConstants, acceleration: jax.Array, is_first: jax.Array
     ) -> tuple[StepConstants, jax.Array]:
-        """The constants of a step and the mean acceleration of the ground in it."""
-        return system, acceleration
+        """The constants of a step and the mean acceleration of the ground in it.
+
+        The first step of a run that is displaced or moving has half of the acceleration and of the
+        inverse masses.
+        """
+        if self.at_rest:
+            return system, acceleration
+        share = _share_of_kick(acceleration, is_first)
+        system = system._replace(
+            inverse_masses=tuple(share * inverse for inverse in system.inverse_masses),
+            groups=tuple(groups.for_masses_over(share) for groups in system.groups),
+            inerters=system.inerters and system.inerters.for_masses_over(share),
+        )
+        return system, share * acceleration
 
     def pull(self, pull: jax.Array, is_first: jax.Array) -> jax.Array:
         """A pull, from that of the step's kick."""
-        return pull
+        return pull if self.at_rest else pull / _share_of_kick(pull, is_first)
 
     def elongations(self, elongations: list[jax.Array]) -> list[jax.Array]:
         """The elongations of rods, measured from those where the rods are relaxed."""
-        return elongations
+        if self.initial is None:
+            return elongations
+        return [length - rest for length, rest in zip(elongations, self.initial, strict=True)]
 
     def forces(
         self, forces: tuple[jax.Array, ...], rods: Sequence[RodLaw | SpringLaw]
     ) -> tuple[jax.Array, ...]:
         """The forces of rods, from those of their relaxed elongations."""
-        return forces
+        if self.initial is None:
+            return forces
+        by_rod = zip(forces, rods, self.initial, strict=True)
+        return tuple(force + law.modulus * rest for force, law, rest in by_rod)
 
-    def hysteresis_starts(self, is_first: jax.Array) -> jax.Array | None:
-        """Whether rods that yield begin displaced or moving, None if they never do."""
-        return None
+    def starts_now(self, is_first: jax.Array) -> jax.Array | None:
+        """Whether the run starts displaced or moving in a step; None if it starts at rest."""
+        return None if self.at_rest else is_first
 
     def rise(self, pull: jax.Array, last: jax.Array, is_first: jax.Array, on_ground: bool) -> Any:
         """The growth of a pull since the step before: none where the run starts under a load."""
-        return pull - (jnp.where(is_first, pull, last) if on_ground else last)
+        under_load = on_ground or not self.at_rest
+        return pull - (jnp.where(is_first, pull, last) if under_load else last)
 
     def on_ground(self, motion: LinkMotion, is_first: jax.Array, scheme: Scheme) -> LinkMotion:
         """Motion of a sliding bearing: from rest at t = 0 it has half a step, as free masses have.
 
         A link between two masses needs no such start: it has no load before the ground moves them.
         """
+        if not self.at_rest:
+            return motion
         share = jnp.where(is_first, 0.5 if scheme.start == "rest" else 0.0, 1.0)
         share = share.astype(motion.velocity.dtype)
         return motion._replace(
@@ -82,77 +106,13 @@ class AtRest:
         )
 
     def link(self, link: LinkState, moved: MovedLink, is_first: jax.Array, dt: float) -> MovedLink:
-        """A link in a step, from its state before and from how it has moved."""
-        return moved
+        """A link in a step, from its state before and from how it has moved.
 
-    def velocity_now(self, v_now: jax.Array, v: jax.Array, is_first: jax.Array) -> jax.Array:
-        """Velocity of a free mass at t_m; v is that before the step."""
-        return v_now
-
-    def smooth(self, time: jax.Array, dt: float) -> jax.Array | bool:
-        """Whether three samples until now may be those of a smooth motion."""
-        return True
-
-    def kept(self, time: jax.Array, before: T, after: T) -> T:
-        """The state after a step; before the first there are idle steps."""
-        return after
-
-
-class Displaced(AtRest):
-    """The start of a run that is displaced or moving; ``initial`` are elongations of the rods."""
-
-    halfway = False
-
-    def __init__(self, initial: tuple[jax.Array, ...]) -> None:
-        self.initial = initial
-
-    def before(self, state: RunState, is_first: jax.Array) -> RunState:
-        """The state unchanged."""
-        return state
-
-    def kick(
-        self, system: StepConstants, acceleration: jax.Array, is_first: jax.Array
-    ) -> tuple[StepConstants, jax.Array]:
-        """In the first step half of the acceleration and of the inverse masses."""
-        share = _share_of_kick(acceleration, is_first)
-        inverse_masses = tuple(share * inverse for inverse in system.inverse_masses)
-        inerters = system.inerters and system.inerters.for_masses_over(share)
-        system = system._replace(
-            inverse_masses=inverse_masses,
-            groups=tuple(groups.for_masses_over(share) for groups in system.groups),
-            inerters=inerters,
-        )
-        return system, share * acceleration
-
-    def pull(self, pull: jax.Array, is_first: jax.Array) -> jax.Array:
-        """A pull, from that of the step's kick."""
-        return pull / _share_of_kick(pull, is_first)
-
-    def elongations(self, elongations: list[jax.Array]) -> list[jax.Array]:
-        """The elongations of rods, measured from those where the rods are relaxed."""
-        return [length - rest for length, rest in zip(elongations, self.initial, strict=True)]
-
-    def forces(
-        self, forces: tuple[jax.Array, ...], rods: Sequence[RodLaw | SpringLaw]
-    ) -> tuple[jax.Array, ...]:
-        """The forces with those of the initial elongations."""
-        by_rod = zip(forces, rods, self.initial, strict=True)
-        return tuple(force + law.modulus * rest for force, law, rest in by_rod)
-
-    def hysteresis_starts(self, is_first: jax.Array) -> jax.Array | None:
-        """Whether the run begins."""
-        return is_first
-
-    def rise(self, pull: jax.Array, last: jax.Array, is_first: jax.Array, on_ground: bool) -> Any:
-        """The growth of a pull; none in the first step."""
-        return pull - jnp.where(is_first, pull, last)
-
-    def on_ground(self, motion: LinkMotion, is_first: jax.Array, scheme: Scheme) -> LinkMotion:
-        """The motion unchanged."""
-        return motion
-
-    def link(self, link: LinkState, moved: MovedLink, is_first: jax.Array, dt: float) -> MovedLink:
-        """A link in a step; the first has the closing of the start and no turns before it."""
+        The first step of a run that is displaced or moving has the closing of the start, and no
+        turns before it.
+        """
+        if self.at_rest:
+            return moved
         closing, contact, motion = moved
         motion = motion._replace(
             velocity_now=jnp.where(is_first, link.velocity, motion.velocity_now),
@@ -169,19 +129,18 @@ class Displaced(AtRest):
         return jnp.where(is_first, link.closing, closing), contact, motion
 
     def velocity_now(self, v_now: jax.Array, v: jax.Array, is_first: jax.Array) -> jax.Array:
-        """Velocity at t_m; in the first step that of the start."""
-        return jnp.where(is_first, v, v_now)
+        """Velocity of a free mass at t_m; v is that before the step, or of the start."""
+        return v_now if self.at_rest else jnp.where(is_first, v, v_now)
 
     def smooth(self, time: jax.Array, dt: float) -> jax.Array | bool:
-        """Whether three samples until now come after the start."""
-        return time > dt
+        """Whether three samples until now may be those of a smooth motion."""
+        return self.at_rest or time > dt
 
     def kept(self, time: jax.Array, before: T, after: T) -> T:
-        """Idle steps before the first leave the state unchanged."""
+        """The state after a step; idle steps before the first leave it unchanged."""
+        if self.at_rest:
+            return after
         return jax.tree.map(lambda old, new: jnp.where(time < 0, old, new), before, after)
-
-
-RunStart = AtRest | Displaced
 
 
 def _share_of_kick(y: jax.Array, is_first: jax.Array) -> jax.Array:

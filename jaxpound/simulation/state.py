@@ -54,17 +54,12 @@ class StepConstants(NamedTuple):
     def is_long(self) -> bool:
         """Whether a step is too long for a block to be unrolled (``WRITTEN_OUT``)."""
         has_sliders = all(map(has_slider, self.yielding_laws))
-        return self.may_flow or len(self.rods) > WRITTEN_OUT or not has_sliders
+        return bool(self.groups) or len(self.rods) > WRITTEN_OUT or not has_sliders
 
     @property
     def yielding_laws(self) -> list[Any]:
         """The laws of hysteresis of rods that yield, without dashpots."""
         return [rod.law for rod in self.hysteresis if rod and not isinstance(rod.law, Dashpot)]
-
-    @property
-    def may_flow(self) -> bool:
-        """Whether a step may need a local flow."""
-        return bool(self.groups)
 
     @property
     def has_shortcut(self) -> bool:
@@ -75,7 +70,7 @@ class StepConstants(NamedTuple):
     @property
     def has_many_peaks(self) -> bool:
         """Whether peaks of its series are computed in arrays, which compiles in less time."""
-        return self.may_flow and len(self.rods) > IN_KERNEL
+        return bool(self.groups) and len(self.rods) > IN_KERNEL
 
     @property
     def has_long_laws(self) -> bool:
@@ -97,7 +92,24 @@ class StepConstants(NamedTuple):
     @property
     def is_kernel(self) -> bool:
         """Whether steps are to be one kernel, where they can be."""
-        return self.may_flow and len(self.rods) <= IN_KERNEL
+        return bool(self.groups) and len(self.rods) <= IN_KERNEL
+
+    def pulls(self, loads: Sequence[Any], acceleration: Any) -> list[jax.Array]:
+        """Relative accelerations of the links' ends without these; between masses u'' drops out."""
+        pulls, inverse = list[jax.Array](), self.inverse_masses
+        for ends in self.topology.links:
+            left, right = (acceleration if i == GROUND else loads[i] * inverse[i] for i in ends)
+            pulls.append(left - right)
+        return pulls if self.inerters is None else self.inerters.reduced(pulls)
+
+    def inertia(
+        self, forces: Sequence[Any], acceleration: jax.Array, totals: Sequence[jax.Array]
+    ) -> dict[int, jax.Array]:
+        """Forces of inerters by link, under forces of rods, and of friction and contact."""
+        if self.inerters is None:
+            return {}
+        pulls = self.pulls(self.topology.loads(forces), acceleration)
+        return self.inerters.forces(pulls, totals)
 
 
 class LinkState(NamedTuple):
@@ -191,7 +203,7 @@ def start_state(
     """The state before the first step; or at t = 0, of masses displaced by x that move with v."""
     topology, groups = system.topology, link_groups(system.topology)
     hanging = {far for group in groups for _, _, far in group.hanging}
-    flowing = {k for group in groups if needs_flow(group, system.links) for k in group.links}
+    flowing = {k for of_shape in constants.groups for k in of_shape.links}
     links = []
     for k, ends in enumerate(topology.links):
         closing, velocity = (zero if y is None else elongation(ends, y) for y in (x, v))
@@ -203,16 +215,13 @@ def start_state(
         values = [zero] * topology.n_masses if y is None else y
         return tuple(None if mass in hanging else value for mass, value in enumerate(values))
 
-    yielding: list[HysteresisState | None] = []
-    for ends, rod in zip(topology.rods, constants.hysteresis, strict=True):
+    def of_rod(rod: HysteresisConstants, ends: Ends) -> HysteresisState:
         length, speed = (zero if y is None else elongation(ends, y) for y in (x, v))
-        if rod is None:
-            yielding.append(None)
-        else:
-            start = rod.law.start(length)
-            yielding.append(HysteresisState(start, rod.within(length), dt * speed))
+        return HysteresisState(rod.law.start(length), rod.within(length), dt * speed)
+
+    yielding = each(of_rod, constants.hysteresis, topology.rods)
     excess = tuple(None if isinstance(law, SpringLaw) else zero for law in constants.rods)
-    return RunState(of_free(x), of_free(v), excess, tuple(yielding), tuple(links))
+    return RunState(of_free(x), of_free(v), excess, yielding, tuple(links))
 
 
 def of_all_masses(
@@ -228,27 +237,6 @@ def of_all_masses(
             else:
                 positions[far] = positions[near] - s if left else positions[near] + s
     return tuple(positions)
-
-
-def link_pulls(system: StepConstants, loads: Sequence[Any], acceleration: Any) -> list[jax.Array]:
-    """Relative accelerations of the links' ends without these; between masses u'' drops out."""
-    pulls, inverse = list[jax.Array](), system.inverse_masses
-    for ends in system.topology.links:
-        left, right = (acceleration if end == GROUND else loads[end] * inverse[end] for end in ends)
-        pulls.append(left - right)
-    return pulls if system.inerters is None else system.inerters.reduced(pulls)
-
-
-def inerter_forces(
-    system: StepConstants,
-    forces: Sequence[Any],
-    acceleration: jax.Array,
-    totals: Sequence[jax.Array],
-) -> dict[int, jax.Array]:
-    """Forces of inerters by link, under forces of rods, and of friction and contact."""
-    assert system.inerters is not None
-    pulls = link_pulls(system, system.topology.loads(forces), acceleration)
-    return system.inerters.forces(pulls, totals)
 
 
 def link_inverse_mass(ends: Ends, inverse: Sequence[jax.Array]) -> jax.Array:

@@ -59,23 +59,13 @@ def step(
     topology = system.topology
     x = state.of_all_masses(topology, before.x, [link.closing for link in before.links])
     elongations = [elongation(ends, x) for ends in topology.rods]
-    this = _Step(
-        system,
-        starting,
-        before,
-        elongations,
-        time,
-        mean_acceleration,
-        dt,
-        scheme,
-        is_first,
-        is_last,
-    )
+    now = time, mean_acceleration, dt, scheme, is_first, is_last
+    this = _Step(system, starting, before, elongations, *now)
 
     rod_steps = this.rod_steps(sums)
     yielding = this.yielding(elongations)
     forces, loads, pulls = this.loads(rod_steps, yielding)
-    groups = this.groups(pulls)
+    groups = [(groups, this.group_step(groups, pulls)) for groups in system.groups]
     flows = [flows_of(*of_groups) for of_groups in groups] if with_flows else []
     # After a flow the rods take the mean sample, which changes the pull on all links whose masses
     # have these rods.
@@ -83,15 +73,13 @@ def step(
         rod_steps, yielding = this.with_mean_samples(rod_steps, yielding, flows)
         forces, loads, pulls = this.loads(rod_steps, yielding)
 
-    closings, contacts, motions = this.motions(pulls, groups, flows)
+    moved_links = this.moved_links(pulls, groups, flows)
+    closings, motions = [link[0] for link in moved_links], [link[2] for link in moved_links]
     free = {
         mass: this.kick_and_drift(mass, loads[mass], motions, closings)
         for mass in range(topology.n_masses)
         if before.x[mass] is not None
     }
-    for mass, moved_mass in free.items():
-        v: Any = before.v[mass]
-        free[mass] = moved_mass._replace(v_now=starting.velocity_now(moved_mass.v_now, v, is_first))
 
     def of_free(name: str) -> tuple[jax.Array | None, ...]:
         return tuple(getattr(free.get(mass), name, None) for mass in range(topology.n_masses))
@@ -102,7 +90,7 @@ def step(
             velocity=motions[k].velocity,
             phase=motions[k].phase,
             pull=starting.pull(pulls[k], is_first),
-            contact=contacts[k],
+            contact=moved_links[k][1],
         )
         for k, link in enumerate(before.links)
     )
@@ -113,10 +101,7 @@ def step(
         yielding=tuple(None if rod is None else rod.state for rod in yielding),
         links=links,
     )
-    inertia: dict[int, jax.Array] = {}
-    if of_run.inerters is not None:
-        totals = [motion.total_force for motion in motions]
-        inertia = state.inerter_forces(of_run, forces, acceleration, totals)
+    inertia = of_run.inertia(forces, acceleration, [motion.total_force for motion in motions])
     seen = tuple(
         LinkInstant(closings[k], motion.velocity_now, motion, inertia.get(k))
         for k, motion in enumerate(motions)
@@ -164,7 +149,7 @@ class _Step(NamedTuple):
 
     def yielding(self, elongations: Sequence[jax.Array]) -> list[HysteresisStep | None]:
         """The rods at t_m, if they yield, with their elongations."""
-        starts = self.starting.hysteresis_starts(self.is_first)
+        starts = self.starting.starts_now(self.is_first)
         rods = zip(self.system.hysteresis, self.before.yielding, elongations, strict=True)
         those = {r: rod for r, rod in enumerate(rods) if rod[0] is not None}
         function = partial(hysteresis_step, is_first=starts)
@@ -182,11 +167,7 @@ class _Step(NamedTuple):
         means = tuple(f - y.kink if y else f for f, y in zip(forces, yielding, strict=True))
         topology = system.topology
         loads = topology.loads(means)
-        return forces, loads, state.link_pulls(system, loads, self.mean_acceleration)
-
-    def groups(self, pulls: Sequence[jax.Array]) -> list[tuple[Groups, GroupStep]]:
-        """The groups of links that may need the local flow, and their inputs."""
-        return [(groups, self._group_step(groups, pulls)) for groups in self.system.groups]
+        return forces, loads, system.pulls(loads, self.mean_acceleration)
 
     def with_mean_samples(
         self, rods: list[RodStep], yielding: list[HysteresisStep | None], flows: list[GroupFlows]
@@ -216,7 +197,8 @@ class _Step(NamedTuple):
                 yielding[k] = moved(law, of_rod, self.elongations[k] + to_mean[k])
         return rods, yielding
 
-    def _group_step(self, groups: Groups, pulls: Sequence[jax.Array]) -> GroupStep:
+    def group_step(self, groups: Groups, pulls: Sequence[jax.Array]) -> GroupStep:
+        """The inputs of groups of links, under the pulls on all links."""
         links: LinkState = groups.gather(self.before.links)
         now = (self.time, self.is_first, self.is_last)
         time, is_first, is_last = (jnp.broadcast_to(x, groups.shape[:-1]) for x in now)
@@ -231,7 +213,7 @@ class _Step(NamedTuple):
             time=time,
             is_first=is_first,
             is_last=is_last,
-            halfway=self.starting.halfway,
+            at_rest=self.starting.at_rest,
             dt=self.dt,
             slots=self.system.slots,
             faces=groups.faces,
@@ -246,31 +228,27 @@ class _Step(NamedTuple):
         last = groups.gather([link.pull for link in self.before.links])
         return pull, self.starting.rise(pull, last, self.is_first, groups.on_ground)
 
-    def motions(
+    def moved_links(
         self,
         pulls: Sequence[jax.Array],
         groups: Sequence[tuple[Groups, GroupStep]],
         flows: Sequence[GroupFlows],
-    ) -> tuple[list[jax.Array], list[ContactState | None], list[LinkMotion]]:
-        """Closings at t_m, contact after the step, and motion of all links under their pulls.
-
-        Without ``flows`` those of a step in which no group needs one.
-        """
+    ) -> list[MovedLink]:
+        """All links after the step, under their pulls; without ``flows`` where none is needed."""
         moved = dict[int, MovedLink]()
-        for n, of_groups in enumerate(groups):
-            after = self._after_flow(flows[n], pulls) if flows else self._without_flow(*of_groups)
-            moved |= of_groups[0].by_link(after)
+        for n, (of_groups, before) in enumerate(groups):
+            if flows:
+                after = self._after_flow(flows[n], pulls)
+            else:
+                motion = of_groups.map(self._motion_without_flow, before)
+                after = of_groups.map(contact_group.finish_without_flow, before, motion)
+            moved |= of_groups.by_link(after)
         for number, group in enumerate(link_groups(self.system.topology)):
             if number not in self.system.mass_shares:
                 for k, motion in self._slides(group, pulls).items():
                     moved[k] = self.before.links[k].closing, None, motion
-        closings, contacts, motions = [], [], []
-        for k, link in enumerate(self.before.links):
-            closing, contact, motion = self.starting.link(link, moved[k], self.is_first, self.dt)
-            closings.append(closing)
-            contacts.append(contact)
-            motions.append(motion)
-        return closings, contacts, motions
+        links = enumerate(self.before.links)
+        return [self.starting.link(link, moved[k], self.is_first, self.dt) for k, link in links]
 
     def _after_flow(
         self, flow: GroupFlows, pulls: Sequence[jax.Array]
@@ -283,14 +261,6 @@ class _Step(NamedTuple):
         result = plain, flow.result, flow.used, change
         return flow.groups.map(contact_group.finish_step, before, *result)
 
-    def _without_flow(
-        self, groups: Groups, before: GroupStep
-    ) -> tuple[jax.Array, ContactState, LinkMotion]:
-        """Groups after a step that needs no flow."""
-        motion = groups.map(self._motion_without_flow, before)
-        end = groups.map(contact_group.closing_without_flow, before, motion)
-        return before.closing, before.state._replace(closing_before=end), motion
-
     def _motion_without_flow(self, coupling: Coupling, before: GroupStep) -> LinkMotion:
         """The closed form of a group's motion."""
         motion = contact_group.motion_without_flow(coupling, before, self.scheme.friction)
@@ -300,16 +270,8 @@ class _Step(NamedTuple):
 
     def _slides(self, group: LinkGroup, pulls: Sequence[jax.Array]) -> dict[int, LinkMotion]:
         """Motion of a link that needs no flow, and as its other face sees it, if it has one."""
-        motion = self._slide(group.links[0], pulls[group.links[0]])
-        if not group.faces:
-            return {group.links[0]: motion}
-        single = jax.tree.map(lambda y: y[None], motion)
-        by_face = unstacked(contact_group.with_other_faces(single, group.faces))
-        return dict(zip(group.links, by_face, strict=True))
-
-    def _slide(self, k: int, pull: jax.Array) -> LinkMotion:
-        """Motion of a link that shares no mass, without contact."""
-        link, ends, system = self.before.links[k], self.system.topology.links[k], self.system
+        k, system = group.links[0], self.system
+        link, ends, pull = self.before.links[k], system.topology.links[k], pulls[k]
         rise = self.starting.rise(pull, link.pull, self.is_first, GROUND in ends)
         inverse_mass = state.link_inverse_mass(ends, system.inverse_masses)
         if system.inerters is not None:
@@ -319,8 +281,12 @@ class _Step(NamedTuple):
             LinkStep(link.velocity, link.phase, pull, rise, inverse_mass, friction, self.dt)
         )
         if GROUND in ends:
-            return self.starting.on_ground(motion, self.is_first, self.scheme)
-        return motion
+            motion = self.starting.on_ground(motion, self.is_first, self.scheme)
+        if not group.faces:
+            return {k: motion}
+        single = jax.tree.map(lambda y: y[None], motion)
+        by_face = unstacked(contact_group.with_other_faces(single, group.faces))
+        return dict(zip(group.links, by_face, strict=True))
 
     def kick_and_drift(
         self, mass: int, load: jax.Array, motions: list[LinkMotion], closings: list[jax.Array]
@@ -330,9 +296,8 @@ class _Step(NamedTuple):
         Its velocity at t_m is the mean of those half a step before and after, corrected for the
         kinks that links make. An event's effect is shared so that the group's centre of mass stays.
         """
-        system, x, v_before = self.system, self.before.x[mass], self.before.v[mass]
-        assert x is not None
-        assert v_before is not None
+        system, before = self.system, cast("Any", self.before)
+        x, v_before, inverse = before.x[mass], before.v[mass], system.inverse_masses
         groups = link_groups(system.topology)
         hung = [n for n, group in enumerate(groups) if group.root == mass]
         links = groups[hung[0]].links if hung else ()
@@ -340,34 +305,28 @@ class _Step(NamedTuple):
             if mass in (ends := system.topology.links[k]):
                 force = motions[k].mean_force
                 if system.inerters is not None and k in system.inerters.inertances:
-                    kick = motions[k].velocity - self.before.links[k].velocity
+                    kick = motions[k].velocity - before.links[k].velocity
                     force = force + system.inerters.inertances[k] * kick / self.dt
                 load = load - force if ends[0] == mass else load + force
-        v = v_before + self.dt * (load * system.inverse_masses[mass] - self.mean_acceleration)
-        free = _FreeMass(x + self.dt * v, v, x, (v_before + v) / 2)
-        if not links:
-            return free
-        share = partial(_shared, system, hung[0], mass)
-        kinks = [
-            motions[k].velocity_now - (self.before.links[k].velocity + motions[k].velocity) / 2
-            for k in links
-        ]
-        free = free._replace(
-            x=free.x + share([motions[k].jump for k in links]), v_now=free.v_now + share(kinks)
-        )
-        if hung[0] not in system.mass_shares:
-            return free
-        changes = [closings[k] - self.before.links[k].closing for k in links]
-        return free._replace(x_now=x + share(changes))
+        v = v_before + self.dt * (load * inverse[mass] - self.mean_acceleration)
+        x_after, x_now, v_now = x + self.dt * v, x, (v_before + v) / 2
+        if links:
+            shares = system.mass_shares.get(hung[0])
 
+            def share(changes: Sequence[jax.Array]) -> jax.Array:
+                """The shift of the mass by changes of closings, the centre of mass fixed."""
+                if shares is not None:
+                    return (shares[mass] * jnp.stack(changes)).sum()
+                of_link = state.link_inverse_mass(system.topology.links[links[0]], inverse)
+                return changes[0] * inverse[mass] / of_link
 
-def _shared(
-    system: StepConstants, group: int, mass: int, changes: Sequence[jax.Array]
-) -> jax.Array:
-    """The shift of a mass by changes of a group's closings, the centre of mass fixed."""
-    topology = system.topology
-    if group in system.mass_shares:
-        return (system.mass_shares[group][mass] * jnp.stack(changes)).sum()
-    k, change = link_groups(topology)[group].links[0], changes[0]
-    inverse = system.inverse_masses
-    return change * inverse[mass] / state.link_inverse_mass(topology.links[k], inverse)
+            x_after += share([motions[k].jump for k in links])
+            kinks = [
+                motions[k].velocity_now - (before.links[k].velocity + motions[k].velocity) / 2
+                for k in links
+            ]
+            v_now += share(kinks)
+            if shares is not None:
+                x_now = x + share([closings[k] - before.links[k].closing for k in links])
+        v_now = self.starting.velocity_now(v_now, v_before, self.is_first)
+        return _FreeMass(x_after, v, x_now, v_now)

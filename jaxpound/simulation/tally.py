@@ -18,28 +18,13 @@ import jax.numpy as jnp
 
 from jaxpound.model.dampers import Dashpot
 from jaxpound.model.system import System
-from jaxpound.model.topology import (
-    GROUND,
-    Ends,
-    Topology,
-    elongation,
-    is_storey,
-    link_groups,
-    load_on,
-)
+from jaxpound.model.topology import GROUND, Ends, elongation, is_storey, link_groups, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.peaks import GroundPeaks, Peak, Peaks, Sample
 from jaxpound.simulation.starting import RunStart
-from jaxpound.simulation.state import (
-    Instant,
-    RunState,
-    StepConstants,
-    each,
-    inerter_forces,
-    of_all_masses,
-)
+from jaxpound.simulation.state import Instant, RunState, StepConstants, each, of_all_masses
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, time_until
 
 
@@ -150,13 +135,8 @@ class _ObservedInstant(NamedTuple):
         acceleration = acceleration + (acceleration - self.last_acceleration) * late
         links = enumerate(self.now.links)
         totals = [changed.get(k, link.motion.total_force) for k, link in links]
-        inertia = inerter_forces(self.system, forces, acceleration, totals)
+        inertia = self.system.inertia(forces, acceleration, totals)
         return load + sum(sign * inertia[k] for k, sign in signs.items() if k in inertia)
-
-
-def _paths(topology: Topology) -> list[Ends]:
-    """The ends of displacements that are observed: of the masses, then those of other rods."""
-    return [*dict.fromkeys([*((i, GROUND) for i in range(topology.n_masses)), *topology.rods])]
 
 
 def _first_yield(
@@ -196,7 +176,7 @@ class Tally(NamedTuple):
     """Running values for a ``Demand``."""
 
     ground: GroundPeaks
-    displacements: Peaks  # of ``_paths``
+    displacements: Peaks  # of the ``paths`` of the topology
     acceleration: Peaks  # of the masses
     forces: Peaks  # of the rods
     first_yields: tuple[jax.Array | None, ...]  # times, of rods that yield
@@ -238,7 +218,7 @@ class Tally(NamedTuple):
         peaks = partial(Peaks.start, zero, in_arrays=constants.has_many_peaks)
         return Tally(
             ground=GroundPeaks(zero, zero, zero, zero),
-            displacements=peaks(len(_paths(topology))),
+            displacements=peaks(len(topology.paths)),
             acceleration=peaks(topology.n_masses),
             forces=peaks(len(topology.rods)),
             first_yields=each(lambda _: zero + jnp.inf, constants.hysteresis),
@@ -270,7 +250,7 @@ class Tally(NamedTuple):
         instant = _ObservedInstant(
             now, x, v, system, dt, smooth, turns, links, last_forces, self.ground.last
         )
-        paths = _paths(topology)
+        paths = topology.paths
         displacements = self.displacements.observe([*map(instant.displacement, paths)])
         places = [paths.index(ends) for ends in topology.rods]
         before, after = self.displacements.each(), displacements.each()
@@ -309,7 +289,7 @@ class Tally(NamedTuple):
             for link in system.links
         ]
         topology, rods = system.topology, system.topology.rods
-        paths = dict(zip(_paths(topology), self.displacements.each(), strict=True))
+        paths = dict(zip(topology.paths, self.displacements.each(), strict=True))
         peaks = [paths[ends] for ends in rods]
         yielded = each(
             _yield_demands, constants.hysteresis, state.yielding, peaks, self.first_yields

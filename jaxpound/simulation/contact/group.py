@@ -168,7 +168,7 @@ class GroupStep:
     time: jax.Array
     is_first: jax.Array  # whether t_m = 0
     is_last: jax.Array  # whether the run ends at t_m
-    halfway: bool = dataclasses.field(metadata={"static": True})  # a run starts in mid-step
+    at_rest: bool = dataclasses.field(metadata={"static": True})  # as the run starts
     dt: float = dataclasses.field(metadata={"static": True})  # h
     slots: int = dataclasses.field(metadata={"static": True})  # impacts of a face to be recorded
     faces: tuple[int, ...] = dataclasses.field(metadata={"static": True})  # of ``LinkGroup``
@@ -276,7 +276,7 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
         resistances=group.resistances,
         contact=state.contact,
     )
-    begin = jnp.where(before.is_first & before.halfway, h / 2, 0.0).astype(before.velocity.dtype)
+    begin = jnp.where(before.is_first & before.at_rest, h / 2, 0.0).astype(before.velocity.dtype)
     clock = records.Clock(before.time, begin, before.is_last)
     result = flow(h, before.slots, needed, inputs, clock, before.faces)
     # A single link that did not touch keeps its closed form.
@@ -286,11 +286,14 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     return result, used
 
 
-def mean_sample(result: FlowResult, before: GroupStep) -> jax.Array:
-    """The closings at t_m that the rods take after a step with a flow."""
+def to_mean_sample(
+    _: Coupling, result: FlowResult, used: jax.Array, before: GroupStep
+) -> jax.Array:
+    """Shifts of the closings at t_m to those that the rods take after a step with a flow."""
     kink = result.velocity - before.velocity
     # The first sample of a run is exact.
-    return jnp.where(before.is_first, before.closing, result.mean - before.dt / 24 * kink)
+    mean = jnp.where(before.is_first, before.closing, result.mean - before.dt / 24 * kink)
+    return jnp.where(used, mean - before.closing, 0.0)
 
 
 def finish_step(
@@ -305,7 +308,7 @@ def finish_step(
 
     ``before`` has the pull after the mean samples, which changed it by ``pull_change``.
     """
-    h, state, at, log = before.dt, before.state, result.now, result.log
+    h, at, log = before.dt, result.now, result.log
     n, faces = len(group.resistances), before.faces
     gain = group.gained(faces, result.held > 0, pull_change)
     # No position correction while a contact force acts: the force would respond to it.
@@ -331,28 +334,25 @@ def finish_step(
         phase=jnp.where(result.held > 0, 0.0, jnp.sign(velocity)),
         change_time=log.change_time,
     )
-    motion = jax.tree.map(lambda a, b: jnp.where(used, a, b), motion_of_flow, motion_without_flow)
-
-    contact = jax.tree.map(
-        lambda a, b: jnp.where(used, a, b),
-        ContactState(closing_after, result.contact),
-        state._replace(closing_before=closing_without_flow(group, before, motion_without_flow)),
-    )
-    motion = motion._replace(
-        contact=ContactMotion(jnp.broadcast_to(used, closing_after.shape), result)
-    )
-    return jnp.where(used, closing_now, before.closing), contact, motion
+    of_flow = closing_now, ContactState(closing_after, result.contact), motion_of_flow
+    without = finish_without_flow(group, before, motion_without_flow)
+    closing, contact, motion = jax.tree.map(lambda a, b: jnp.where(used, a, b), of_flow, without)
+    seen = ContactMotion(jnp.broadcast_to(used, closing_after.shape), result)
+    return closing, contact, motion._replace(contact=seen)
 
 
-def closing_without_flow(group: Coupling, before: GroupStep, motion: LinkMotion) -> jax.Array:
-    """The closings at the end of a step without flow, from those at t_{m+1}."""
+def finish_without_flow(
+    group: Coupling, before: GroupStep, motion: LinkMotion
+) -> tuple[jax.Array, ContactState, LinkMotion]:
+    """The end of a step without flow, as that of ``finish_step``."""
     n, h = len(group.resistances), before.dt
     next_closing = before.closing + h * motion.velocity + motion.jump
     held = (motion.phase == 0) & (group.frictions > 0)
     friction = group.frictions * motion.phase
     end, _ = group.response(held[:n], (before.pull + before.rise / 2)[:n], friction[:n])
     end = seen_by_faces(end, before.faces)
-    return next_closing - h / 2 * motion.velocity - h**2 / 8 * end
+    end = next_closing - h / 2 * motion.velocity - h**2 / 8 * end  # from the closings at t_{m+1}
+    return before.closing, before.state._replace(closing_before=end), motion
 
 
 def _is_undisturbed(group: Coupling, before: GroupStep) -> jax.Array:

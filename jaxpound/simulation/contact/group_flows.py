@@ -19,8 +19,8 @@ from jaxpound.simulation.contact.group import (
     Coupling,
     GroupStep,
     is_flow_needed,
-    mean_sample,
     run_flow,
+    to_mean_sample,
 )
 from jaxpound.simulation.contact.records import FlowResult
 
@@ -120,11 +120,8 @@ def alike(places: Mapping[int, LinkGroup], couplings: Mapping[int, Coupling]) ->
 def flows_of(groups: Groups, before: GroupStep) -> GroupFlows:
     """The groups after their local flows."""
     result, used = checkpoint_name(groups.map(run_flow, before), FLOW)
-
-    def shift(_: Coupling, result: FlowResult, used: jax.Array, before: GroupStep) -> jax.Array:
-        return jnp.where(used, mean_sample(result, before) - before.closing, 0.0)
-
-    return GroupFlows(groups, before, result, used, groups.map(shift, result, used, before))
+    shift = groups.map(to_mean_sample, result, used, before)
+    return GroupFlows(groups, before, result, used, shift)
 
 
 def need_flows(groups: Sequence[tuple[Groups, GroupStep]]) -> jax.Array:

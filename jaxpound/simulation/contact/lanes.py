@@ -109,31 +109,28 @@ def where_needed(work: Callable[..., Any], width: int | None = None) -> Callable
         out = _in_groups(width or _PICKED, group, layout.column, needed, args, empty)
         return jax.vmap(results.pytree, in_axes=1)(out)
 
-    @single.def_vmap
-    def batch(size: int, batched: Any, *args: Any) -> Any:
-        out = on_each_device(many, *_repeated(size, batched, args), size=size)
-        return out, jax.tree.map(lambda _: True, out)
+    def flat(*args: Any) -> Any:
+        size, each = args[0].shape
+        joined = jax.tree.map(lambda x: x.reshape(size * each, *x.shape[2:]), args)
+        return jax.tree.map(lambda x: x.reshape(size, each, *x.shape[1:]), many(*joined))
 
-    @many.def_vmap
-    def batch_of_batches(size: int, batched: Any, *args: Any) -> Any:
-        def flat(*args: Any) -> Any:
-            size, each = args[0].shape
-            joined = jax.tree.map(lambda x: x.reshape(size * each, *x.shape[2:]), args)
-            return jax.tree.map(lambda x: x.reshape(size, each, *x.shape[1:]), many(*joined))
-
-        out = on_each_device(flat, *_repeated(size, batched, args), size=size)
-        return out, jax.tree.map(lambda _: True, out)
-
+    single.def_vmap(_on_devices(many))
+    many.def_vmap(_on_devices(flat))
     return single
 
 
-def _repeated(size: int, batched: Any, args: Any) -> Any:
-    """The arguments with a leading axis of the batch, also those that all lanes share."""
-    return jax.tree.map(
-        lambda x, differs: x if differs else jnp.broadcast_to(x, (size, *jnp.shape(x))),
-        tuple(args),
-        tuple(batched),
-    )
+def _on_devices(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The rule of a batch: arguments get its axis, also those that all lanes share."""
+
+    def repeated(size: int, x: Any, differs: bool) -> Any:
+        return x if differs else jnp.broadcast_to(x, (size, *jnp.shape(x)))
+
+    def rule(size: int, batched: Any, *args: Any) -> Any:
+        args = jax.tree.map(partial(repeated, size), args, tuple(batched))
+        out = on_each_device(function, *args, size=size)
+        return out, jax.tree.map(lambda _: True, out)
+
+    return rule
 
 
 def _in_groups(
