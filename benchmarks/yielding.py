@@ -26,7 +26,7 @@ MATERIALS = {
     "Bouc–Wen": BOUC_WEN,
     "Bouc–Wen, with memory": jp.YieldingZener(STEEL, BOUC_WEN),
 }
-CASES = ((1, 20_000, 1), (3, 8_000, 1), (10, 4_000, 1), (1, 500, 960), (3, 500, 512))
+CASES = ((1, 20_000, 1), (3, 8_000, 1), (10, 4_000, 1), (1, 500, 1_000), (3, 500, 500))
 GROUND = jp.Ricker(0.3, [1.5, 2.0, 2.5], [2.0, 4.0, 6.0])
 
 

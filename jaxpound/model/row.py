@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxpound._checks import instance, is_whole
-from jaxpound._errors import InvalidInput, renamed
+from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, like, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
@@ -20,13 +19,12 @@ from jaxpound.model.places import link_place
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import (
-    OPPOSITE,
     Link,
     Rod,
     System,
     as_tuple,
-    has_two_faces,
-    of_faces,
+    check_link,
+    faces_of,
     require_face,
     without_dampers,
 )
@@ -102,21 +100,13 @@ class FloorLink:
                 name = "next_floor" if above else "next_building"
                 rule = "must be left out: the other end is the ground"
                 raise InvalidInput("FloorLink", name, str(getattr(self, name)), rule)
-        owner = f"FloorLink {self}"
-        if has_two_faces(self, owner):
-            self.faces()  # which checks them
-            return
-        with renamed(owner):
-            check(self)
+        check_link(self, f"FloorLink {self}")
 
     more_rules = Link.more_rules
 
     def faces(self) -> tuple[FloorLink, ...]:
         """The link itself; of a link of two faces the right face and the left face."""
-        if not isinstance(self.gap, tuple):
-            return (self,)
-        right, left = of_faces(self.gap, self.contact)
-        return replace(self, **right), replace(self, **left, **OPPOSITE, side="left")
+        return faces_of(self, side="left")
 
     @property
     def other_building(self) -> int:

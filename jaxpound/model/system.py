@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 from jaxpound._checks import Rule, finite, instead, is_traced, is_whole, real
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import Inerter, PowerLaw, VelocityFriction
@@ -101,17 +101,11 @@ class Link:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ends", _two_ends("Link", self.ends))
-        if has_two_faces(self, "Link"):
-            self.faces()  # which checks them
-        else:
-            check(self)
+        check_link(self, "Link")
 
     def faces(self) -> tuple[Link, ...]:
         """The link itself; of a link of two faces the right face and the left face."""
-        if not isinstance(self.gap, tuple):
-            return (self,)
-        right, left = of_faces(self.gap, self.contact)
-        return replace(self, **right), replace(self, **left, **OPPOSITE, ends=self.ends[::-1])
+        return faces_of(self, ends=self.ends[::-1])
 
     def more_rules(self, prefix: str) -> list[Rule]:
         """A gap that can close is finite."""
@@ -125,8 +119,8 @@ OPPOSITE: Any = {"friction": 0.0, "damper": None, "velocity_friction": None, "in
 """What the left face of a link of two faces leaves to the right one."""
 
 
-def has_two_faces(link: Any, owner: str) -> bool:
-    """Whether a link has two faces; an ``InvalidInput`` for a tuple of more gaps or laws."""
+def check_link(link: Any, owner: str) -> None:
+    """Check a link, or both faces of a link of two; errors name the owner."""
     for name in ("gap", "contact"):
         value = getattr(link, name)
         if isinstance(value, tuple) and len(value) != 2:
@@ -138,15 +132,24 @@ def has_two_faces(link: Any, owner: str) -> bool:
     if isinstance(link.gap, tuple):
         for gap in link.gap:
             real(owner, "gap", gap)
-    return isinstance(link.gap, tuple)
+        link.faces()  # which checks them
+        return
+    with renamed(owner):
+        check(link)
 
 
-def of_faces(gap: tuple[Any, Any], contact: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Gap and contact of the right face, and of the left; one law is that of faces that close."""
-    if not isinstance(contact, tuple):
-        contact = tuple(contact if is_closable(x) else None for x in gap)
-    left, right = ({"gap": x, "contact": law} for x, law in zip(gap, contact, strict=True))
-    return right, left
+def faces_of(link: Any, **of_left: Any) -> tuple[Any, ...]:
+    """A link itself; of a link of two faces the right one, and the left one with ``of_left``.
+
+    One law of contact is that of faces that close.
+    """
+    if not isinstance(link.gap, tuple):
+        return (link,)
+    laws = link.contact
+    if not isinstance(laws, tuple):
+        laws = tuple(laws if is_closable(x) else None for x in link.gap)
+    left, right = ({"gap": x, "contact": law} for x, law in zip(link.gap, laws, strict=True))
+    return replace(link, **right), replace(link, **left, **OPPOSITE, **of_left)
 
 
 @runtime_checkable

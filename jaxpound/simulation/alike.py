@@ -38,14 +38,12 @@ def map_alike(
     function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], together: bool
 ) -> list[Any]:
     """A function of each tuple of arguments; ``together`` by ``vmap`` of those that are alike."""
-    if not together:
-        return [function(*args) for args in arguments]
-    results: list[Any] = [None] * len(arguments)
-    for places in by_kind(arguments):
+    kinds = by_kind(arguments) if together else [[n] for n in range(len(arguments))]
+    results = dict[int, Any]()
+    for places in kinds:
+        of_kind = [arguments[n] for n in places]
         if len(places) == 1:
-            of_kind = [function(*arguments[places[0]])]
+            results[places[0]] = function(*of_kind[0])
         else:
-            of_kind = unstacked(jax.vmap(function)(*stacked([arguments[n] for n in places])))
-        for n, result in zip(places, of_kind, strict=True):
-            results[n] = result
-    return results
+            results |= zip(places, unstacked(jax.vmap(function)(*stacked(of_kind))), strict=True)
+    return [results[n] for n in range(len(arguments))]

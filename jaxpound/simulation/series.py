@@ -102,11 +102,7 @@ def response_of(
 
 
 def _link_response(
-    link: Link,
-    series: dict[str, Any],
-    ended: Impacts | None,
-    end: Contact | None,
-    last: jax.Array,
+    link: Link, series: dict[str, Any], ended: Impacts | None, end: Contact | None, last: jax.Array
 ) -> LinkResponse:
     """The series of a link, from the impacts that ended in each step and the last instant."""
     fast = link.velocity_friction

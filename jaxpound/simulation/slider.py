@@ -24,12 +24,6 @@ from jaxpound._extrema import larger, smaller
 from jaxpound.model.hysteresis import Bilinear, Plastic
 
 
-class _SliderStep(NamedTuple):
-    place: jax.Array  # p at the end
-    slid: jax.Array  # distance, in whichever direction
-    kink: jax.Array  # what p at the end exceeds its mean over the kick by
-
-
 class _SliderPath(NamedTuple):
     speed: jax.Array  # of the elongation at the end
     turns: jax.Array  # whether it turns
@@ -59,7 +53,7 @@ def slider_step(
 
 
 @jax.custom_jvp
-def _step(e_y: Any, place: Any, last: Any, change: Any, gain: Any, e: Any) -> _SliderStep:
+def _step(e_y: Any, place: Any, last: Any, change: Any, gain: Any, e: Any) -> tuple[Any, ...]:
     return _outcome(place, _path(e_y, place, last, change, gain, e))
 
 
@@ -83,14 +77,15 @@ def _followed(place: jax.Array, e: jax.Array, e_y: jax.Array) -> jax.Array:
     return larger(smaller(place, e + e_y), e - e_y)
 
 
-def _outcome(place: jax.Array, x: _SliderPath) -> _SliderStep:
+def _outcome(place: jax.Array, x: _SliderPath) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """P at the end, the distance slid either way, and what p exceeds its mean over the kick by."""
     slid = jnp.abs(x.turned - place) + jnp.abs(x.place - x.turned)
     # As a quotient XLA computes it once; it computes products again for each use.
-    return _SliderStep(x.place, slid, x.way * (x.speed_then * x.left) ** 2 / (2 * x.speed_then))
+    return x.place, slid, x.way * (x.speed_then * x.left) ** 2 / (2 * x.speed_then)
 
 
 @_step.defjvp
-def _(primals: Any, tangents: Any) -> tuple[_SliderStep, _SliderStep]:
+def _(primals: Any, tangents: Any) -> tuple[Any, Any]:
     _, place, _, _, gain, _ = primals
     d_e_y, d_place, d_last, d_change, d_gain, d_e = tangents
     x, d_speed = _path(*primals), d_change + d_gain / 2
@@ -105,4 +100,4 @@ def _(primals: Any, tangents: Any) -> tuple[_SliderStep, _SliderStep]:
     by_gain = share * x.room + late * x.time / 2
     d_room = x.way * (d_turned - d_e) + d_e_y
     d_kink = by_room * d_room + by_speed * d_speed + by_gain * d_gain
-    return _outcome(place, x), _SliderStep(d_end, d_slid, d_kink)
+    return _outcome(place, x), (d_end, d_slid, d_kink)

@@ -185,16 +185,10 @@ def motion_without_flow(group: Coupling, before: GroupStep, law: FrictionLaw) ->
     """Motion of links, (n,), over a step without flow; ``law`` is that of a link without others."""
     if len(group.resistances) > 1:
         return _motion_without_events(group, before)
-    of_link = LinkStep(
-        velocity=before.velocity[0],
-        phase=before.phase[0],
-        pull=before.pull[0],
-        rise=before.rise[0],
-        inverse_mass=group.delassus[0, 0],
-        friction=group.frictions[0],
-        dt=before.dt,
-    )
-    return jax.tree.map(lambda y: y[None], law.slide(of_link))
+    velocity, phase = before.velocity[0], before.phase[0]
+    of_link = velocity, phase, before.pull[0], before.rise[0], group.delassus[0, 0]
+    motion = law.slide(LinkStep(*of_link, group.frictions[0], before.dt))
+    return jax.tree.map(lambda y: y[None], motion)
 
 
 def _motion_without_events(group: Coupling, before: GroupStep) -> LinkMotion:

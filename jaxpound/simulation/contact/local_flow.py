@@ -315,11 +315,7 @@ class LocalFlow:
         return _First(time, number, time <= _AT_ONCE * self.h)
 
     def _located(
-        self,
-        x: FlowState,
-        substep: PowerSeries | Integrated,
-        event: _First,
-        inverse: jax.Array,
+        self, x: FlowState, substep: PowerSeries | Integrated, event: _First, inverse: jax.Array
     ) -> tuple[jax.Array, Place, Place]:
         """The state at an event, or at the end of a substep without one; the links there.
 
