@@ -21,7 +21,7 @@ NAMES = {
     "pounding_towers": "3 bilinear storeys beside 2, 3 impacts",
     "pounding_boucwen": "2 masses on Bouc–Wen rods, 2 impacts",
 }
-LARGEST, LARGEST_OF_LIGHT_TOUCH = 40.0, 80.0
+CONSTANT, CONSTANT_OF_LIGHT_TOUCH = 40.0, 80.0
 """Bounds of the errors of derivatives by the square of the step."""
 PERIOD, STEP = 0.5, 0.005
 EXACT = {2: (1.6244, 1.4463), 4: (1.7455, 3.1083), 8: (2.0639, 7.3506)}
@@ -50,10 +50,10 @@ def case(steps: Sequence[float] = STEPS, names: Sequence[str] = tuple(NAMES)) ->
     steps, parts = tuple(steps), []
     for name in names:
         values, slopes, _ = errors(CASES[name], steps)
-        largest = LARGEST_OF_LIGHT_TOUCH if name == "pounding_bilinear" else LARGEST
+        constant = CONSTANT_OF_LIGHT_TOUCH if name == "pounding_bilinear" else CONSTANT
         parts += [
             Errors(f"{NAMES[name]}: x", steps, tuple(values.tolist()), 4.0),
-            Errors(f"{NAMES[name]}: derivatives", steps, tuple(slopes.tolist()), largest),
+            Errors(f"{NAMES[name]}: derivatives", steps, tuple(slopes.tolist()), constant),
         ]
     return Case(
         "Rods that yield",

@@ -26,7 +26,7 @@ class Topology(NamedTuple):
         return [load_on(self.rods, mass, forces) for mass in range(self.n_masses)]
 
     @property
-    def paths(self) -> list[Ends]:
+    def observed_ends(self) -> list[Ends]:
         """The ends of displacements that are observed: of the masses, then those of other rods."""
         return [*dict.fromkeys([*((i, GROUND) for i in range(self.n_masses)), *self.rods])]
 

@@ -139,9 +139,11 @@ class Rollout(NamedTuple):
         first = jax.tree.map(lambda x: x[0], excitation.series)
         first_acceleration = excitation.at(jnp.zeros((), dtype), first)[1]
         before = (dt * first_acceleration * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
-        rods = constants.topology.rods
-        stretched = None if displaced is None else tuple(elongation(x, displaced) for x in rods)
-        starting = RunStart(before, stretched)
+        initial_elongations = None
+        if displaced is not None:
+            rods = constants.topology.rods
+            initial_elongations = tuple(elongation(ends, displaced) for ends in rods)
+        starting = RunStart(before, initial_elongations)
 
         def advance(
             state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any, with_flows: bool

@@ -127,7 +127,7 @@ def respond(
     case = structures, ground_motion, initial
     response, residual = _simulate(case, node_classes(case), grid, scheme, balanced)
     response = _finished(response)
-    if balanced:
+    if balanced and not is_traced(residual):
         warn(owner, unbalanced(residual), strict)
     if gravity_of(structures) is None:
         return response

@@ -79,8 +79,8 @@ def scan_with_history(
 
     def single_step(advance: Advance, state: Any, item: Any) -> tuple[Any, Any]:
         m, carry, past = state
-        # A loop computes its carry once anyway.
-        carry = carry if in_loop else jax.tree.map(partial(_differentiated_once, one), carry)
+        # In a loop the carry is computed once in any case.
+        carry = carry if in_loop else jax.tree.map(partial(_differentiated_once, unit), carry)
         far, entry = item
         sums = [
             ahead.squeeze() + sum(w.squeeze() * y for w, y in zip(weight, c[::-1], strict=False))
@@ -91,7 +91,7 @@ def scan_with_history(
 
     # Derived from the carry, so that it varies over the mesh axes as the carry does (shard_map).
     zero = 0 * jax.tree.leaves(carry)[0]
-    one = lax.stop_gradient(1 + zero)
+    unit = lax.stop_gradient(1 + zero)
     # A step is traced and differentiated once, not for every step of a block.
     whole = partial(single_step, jax.jit(advance))
     steps: Callable[..., Any] = partial(_written_out, whole)
@@ -133,19 +133,19 @@ def scan_with_history(
 
 
 @jax.custom_jvp
-def _differentiated_once(one: jax.Array, x: jax.Array) -> jax.Array:
-    """x, whose derivative in reverse mode XLA computes once.
+def _differentiated_once(unit: jax.Array, x: jax.Array) -> jax.Array:
+    """x, whose derivative is divided by a number that is always 1, but that XLA cannot know.
 
-    All but quotients XLA computes again for each use: the derivative is divided by 1, a 1 that XLA
-    does not know.
+    XLA computes quotients once, and other expressions again at each use, which in reverse mode
+    would repeat the derivative of a whole step.
     """
     return x
 
 
 @_differentiated_once.defjvp
 def _(primals: Any, tangents: Any) -> tuple[jax.Array, jax.Array]:
-    (one, x), (_, change) = primals, tangents
-    return x, change / one if change.dtype == one.dtype else change
+    (unit, x), (_, change) = primals, tangents
+    return x, change / unit if change.dtype == unit.dtype else change
 
 
 def _written_out(single_step: SingleStep, state: Any, ahead: Any, entries: Any) -> Any:

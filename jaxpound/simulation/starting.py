@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 
-from jaxpound.simulation.contact.group import ContactState
+from jaxpound.simulation.contact.group import MovedLink
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.rod import RodLaw, SpringLaw
 from jaxpound.simulation.scheme import Scheme
@@ -22,15 +22,12 @@ from jaxpound.simulation.state import LinkState, RunState, StepConstants
 
 T = TypeVar("T")
 
-MovedLink = tuple[jax.Array, ContactState | None, LinkMotion]
-"""Closing of a link at t_m, state of its contact after the step, and its motion in the step."""
-
 
 class RunStart(NamedTuple):
     """The start of a run: at rest, or displaced or moving."""
 
-    first_velocity: jax.Array  # half a step before t = 0, of a run at rest
-    initial: tuple[jax.Array, ...] | None  # elongations of the rods, of any other run
+    first_velocity: jax.Array  # of all masses half a step before t = 0, where all is at rest
+    initial: tuple[jax.Array, ...] | None  # elongations of the rods where it is not
 
     @property
     def at_rest(self) -> bool:
@@ -126,7 +123,7 @@ class RunStart(NamedTuple):
             half = link.closing + dt / 4 * (link.velocity + motion.velocity)
             before = jnp.where(is_first, half, contact.closing_before)
             contact = contact._replace(closing_before=before)
-        return jnp.where(is_first, link.closing, closing), contact, motion
+        return MovedLink(jnp.where(is_first, link.closing, closing), contact, motion)
 
     def velocity_now(self, v_now: jax.Array, v: jax.Array, is_first: jax.Array) -> jax.Array:
         """Velocity of a free mass at t_m; v is that before the step, or of the start."""

@@ -94,7 +94,7 @@ class StepConstants(NamedTuple):
         """Whether steps are to be one kernel, where they can be."""
         return bool(self.groups) and len(self.rods) <= IN_KERNEL
 
-    def pulls(self, loads: Sequence[Any], acceleration: Any) -> list[jax.Array]:
+    def link_pulls(self, loads: Sequence[Any], acceleration: Any) -> list[jax.Array]:
         """Relative accelerations of the links' ends without these; between masses u'' drops out."""
         pulls, inverse = list[jax.Array](), self.inverse_masses
         for ends in self.topology.links:
@@ -102,13 +102,13 @@ class StepConstants(NamedTuple):
             pulls.append(left - right)
         return pulls if self.inerters is None else self.inerters.reduced(pulls)
 
-    def inertia(
+    def inerter_forces(
         self, forces: Sequence[Any], acceleration: jax.Array, totals: Sequence[jax.Array]
     ) -> dict[int, jax.Array]:
         """Forces of inerters by link, under forces of rods, and of friction and contact."""
         if self.inerters is None:
             return {}
-        pulls = self.pulls(self.topology.loads(forces), acceleration)
+        pulls = self.link_pulls(self.topology.loads(forces), acceleration)
         return self.inerters.forces(pulls, totals)
 
 

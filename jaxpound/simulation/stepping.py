@@ -23,12 +23,12 @@ from jaxpound.model.topology import GROUND, LinkGroup, elongation, link_groups
 from jaxpound.simulation import state
 from jaxpound.simulation.alike import map_alike, unstacked
 from jaxpound.simulation.contact import group as contact_group
-from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep
+from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep, MovedLink
 from jaxpound.simulation.contact.group_flows import GroupFlows, Groups, flows_of, need_flows
 from jaxpound.simulation.friction import LinkMotion, LinkStep
 from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.starting import MovedLink, RunStart
+from jaxpound.simulation.starting import RunStart
 from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisStep, hysteresis_step, moved
 
@@ -65,7 +65,7 @@ def step(
     rod_steps = this.rod_steps(sums)
     yielding = this.yielding(elongations)
     forces, loads, pulls = this.loads(rod_steps, yielding)
-    groups = [(groups, this.group_step(groups, pulls)) for groups in system.groups]
+    groups = [(of_shape, this.group_step(of_shape, pulls)) for of_shape in system.groups]
     flows = [flows_of(*of_groups) for of_groups in groups] if with_flows else []
     # After a flow the rods take the mean sample, which changes the pull on all links whose masses
     # have these rods.
@@ -74,7 +74,7 @@ def step(
         forces, loads, pulls = this.loads(rod_steps, yielding)
 
     moved_links = this.moved_links(pulls, groups, flows)
-    closings, motions = [link[0] for link in moved_links], [link[2] for link in moved_links]
+    closings, motions = [x.closing for x in moved_links], [x.motion for x in moved_links]
     free = {
         mass: this.kick_and_drift(mass, loads[mass], motions, closings)
         for mass in range(topology.n_masses)
@@ -90,7 +90,7 @@ def step(
             velocity=motions[k].velocity,
             phase=motions[k].phase,
             pull=starting.pull(pulls[k], is_first),
-            contact=moved_links[k][1],
+            contact=moved_links[k].contact,
         )
         for k, link in enumerate(before.links)
     )
@@ -101,7 +101,8 @@ def step(
         yielding=tuple(None if rod is None else rod.state for rod in yielding),
         links=links,
     )
-    inertia = of_run.inertia(forces, acceleration, [motion.total_force for motion in motions])
+    totals = [motion.total_force for motion in motions]
+    inertia = of_run.inerter_forces(forces, acceleration, totals)
     seen = tuple(
         LinkInstant(closings[k], motion.velocity_now, motion, inertia.get(k))
         for k, motion in enumerate(motions)
@@ -167,7 +168,7 @@ class _Step(NamedTuple):
         means = tuple(f - y.kink if y else f for f, y in zip(forces, yielding, strict=True))
         topology = system.topology
         loads = topology.loads(means)
-        return forces, loads, system.pulls(loads, self.mean_acceleration)
+        return forces, loads, system.link_pulls(loads, self.mean_acceleration)
 
     def with_mean_samples(
         self, rods: list[RodStep], yielding: list[HysteresisStep | None], flows: list[GroupFlows]
@@ -246,13 +247,11 @@ class _Step(NamedTuple):
         for number, group in enumerate(link_groups(self.system.topology)):
             if number not in self.system.mass_shares:
                 for k, motion in self._slides(group, pulls).items():
-                    moved[k] = self.before.links[k].closing, None, motion
+                    moved[k] = MovedLink(self.before.links[k].closing, None, motion)
         links = enumerate(self.before.links)
         return [self.starting.link(link, moved[k], self.is_first, self.dt) for k, link in links]
 
-    def _after_flow(
-        self, flow: GroupFlows, pulls: Sequence[jax.Array]
-    ) -> tuple[jax.Array, ContactState, LinkMotion]:
+    def _after_flow(self, flow: GroupFlows, pulls: Sequence[jax.Array]) -> MovedLink:
         """Groups after a step with their flows, under the pulls after it."""
         pull, rise = self._pull_and_rise(flow.groups, pulls)
         change = pull - flow.before.pull
@@ -296,8 +295,10 @@ class _Step(NamedTuple):
         Its velocity at t_m is the mean of those half a step before and after, corrected for the
         kinks that links make. An event's effect is shared so that the group's centre of mass stays.
         """
-        system, before = self.system, cast("Any", self.before)
-        x, v_before, inverse = before.x[mass], before.v[mass], system.inverse_masses
+        system, before, inverse = self.system, self.before, self.system.inverse_masses
+        x, v_before = before.x[mass], before.v[mass]
+        assert x is not None
+        assert v_before is not None
         groups = link_groups(system.topology)
         hung = [n for n, group in enumerate(groups) if group.root == mass]
         links = groups[hung[0]].links if hung else ()
@@ -317,8 +318,8 @@ class _Step(NamedTuple):
                 """The shift of the mass by changes of closings, the centre of mass fixed."""
                 if shares is not None:
                     return (shares[mass] * jnp.stack(changes)).sum()
-                of_link = state.link_inverse_mass(system.topology.links[links[0]], inverse)
-                return changes[0] * inverse[mass] / of_link
+                ends = system.topology.links[links[0]]
+                return changes[0] * inverse[mass] / state.link_inverse_mass(ends, inverse)
 
             x_after += share([motions[k].jump for k in links])
             kinks = [

@@ -135,7 +135,7 @@ class _ObservedInstant(NamedTuple):
         acceleration = acceleration + (acceleration - self.last_acceleration) * late
         links = enumerate(self.now.links)
         totals = [changed.get(k, link.motion.total_force) for k, link in links]
-        inertia = self.system.inertia(forces, acceleration, totals)
+        inertia = self.system.inerter_forces(forces, acceleration, totals)
         return load + sum(sign * inertia[k] for k, sign in signs.items() if k in inertia)
 
 
@@ -176,7 +176,7 @@ class Tally(NamedTuple):
     """Running values for a ``Demand``."""
 
     ground: GroundPeaks
-    displacements: Peaks  # of the ``paths`` of the topology
+    displacements: Peaks  # of the ``observed_ends``
     acceleration: Peaks  # of the masses
     forces: Peaks  # of the rods
     first_yields: tuple[jax.Array | None, ...]  # times, of rods that yield
@@ -218,7 +218,7 @@ class Tally(NamedTuple):
         peaks = partial(Peaks.start, zero, in_arrays=constants.has_many_peaks)
         return Tally(
             ground=GroundPeaks(zero, zero, zero, zero),
-            displacements=peaks(len(topology.paths)),
+            displacements=peaks(len(topology.observed_ends)),
             acceleration=peaks(topology.n_masses),
             forces=peaks(len(topology.rods)),
             first_yields=each(lambda _: zero + jnp.inf, constants.hysteresis),
@@ -250,7 +250,7 @@ class Tally(NamedTuple):
         instant = _ObservedInstant(
             now, x, v, system, dt, smooth, turns, links, last_forces, self.ground.last
         )
-        paths = topology.paths
+        paths = topology.observed_ends
         displacements = self.displacements.observe([*map(instant.displacement, paths)])
         places = [paths.index(ends) for ends in topology.rods]
         before, after = self.displacements.each(), displacements.each()
@@ -289,7 +289,7 @@ class Tally(NamedTuple):
             for link in system.links
         ]
         topology, rods = system.topology, system.topology.rods
-        paths = dict(zip(topology.paths, self.displacements.each(), strict=True))
+        paths = dict(zip(topology.observed_ends, self.displacements.each(), strict=True))
         peaks = [paths[ends] for ends in rods]
         yielded = each(
             _yield_demands, constants.hysteresis, state.yielding, peaks, self.first_yields

@@ -52,10 +52,11 @@ def yielding_rods(case):
 
 
 def errors(case, steps):
-    """Of displacements and of gradients at each step, and the response at the last in its unit.
+    """Of displacements and of gradients at each step, and the response at the last step.
 
     Displacements are relative to the largest of them. Of gradients it is the largest of all
     parameters, of each in the norm over final positions and velocities and largest elongations.
+    The response is in units of time in which its step is the first of ``steps``.
     """
     system, ground, yielding = system_of(case), ground_of(case), yielding_rods(case)
     names = [x.replace("m.", "masses.").split(".") for x in case["derivatives"]]

@@ -84,6 +84,14 @@ class ContactMotion(NamedTuple):
     result: FlowResult  # zero if it was not, but for the turns of a link that did not touch
 
 
+class MovedLink(NamedTuple):
+    """A link, or the links of a group, after a step."""
+
+    closing: jax.Array  # at t_m
+    contact: ContactState | None  # after the step
+    motion: LinkMotion  # in the step
+
+
 def needs_flow(group: LinkGroup, links: tuple[Link, ...]) -> bool:
     """Whether a group's steps may need the local flow."""
     of_group = [links[k] for k in group.links]
@@ -168,7 +176,7 @@ class GroupStep:
     time: jax.Array
     is_first: jax.Array  # whether t_m = 0
     is_last: jax.Array  # whether the run ends at t_m
-    at_rest: bool = dataclasses.field(metadata={"static": True})  # as the run starts
+    at_rest: bool = dataclasses.field(metadata={"static": True})  # whether the run starts at rest
     dt: float = dataclasses.field(metadata={"static": True})  # h
     slots: int = dataclasses.field(metadata={"static": True})  # impacts of a face to be recorded
     faces: tuple[int, ...] = dataclasses.field(metadata={"static": True})  # of ``LinkGroup``
@@ -280,7 +288,7 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     return result, used
 
 
-def to_mean_sample(
+def mean_sample_shift(
     _: Coupling, result: FlowResult, used: jax.Array, before: GroupStep
 ) -> jax.Array:
     """Shifts of the closings at t_m to those that the rods take after a step with a flow."""
@@ -297,7 +305,7 @@ def finish_step(
     result: FlowResult,
     used: jax.Array,
     pull_change: jax.Array,
-) -> tuple[jax.Array, ContactState, LinkMotion]:
+) -> MovedLink:
     """The end of a step: the closings at t_m, the state after it, and the motion in it.
 
     ``before`` has the pull after the mean samples, which changed it by ``pull_change``.
@@ -328,25 +336,24 @@ def finish_step(
         phase=jnp.where(result.held > 0, 0.0, jnp.sign(velocity)),
         change_time=log.change_time,
     )
-    of_flow = closing_now, ContactState(closing_after, result.contact), motion_of_flow
-    without = finish_without_flow(group, before, motion_without_flow)
-    closing, contact, motion = jax.tree.map(lambda a, b: jnp.where(used, a, b), of_flow, without)
+    after_flow = MovedLink(closing_now, ContactState(closing_after, result.contact), motion_of_flow)
+    after_none = finish_without_flow(group, before, motion_without_flow)
+    moved = jax.tree.map(lambda a, b: jnp.where(used, a, b), after_flow, after_none)
     seen = ContactMotion(jnp.broadcast_to(used, closing_after.shape), result)
-    return closing, contact, motion._replace(contact=seen)
+    return moved._replace(motion=moved.motion._replace(contact=seen))
 
 
-def finish_without_flow(
-    group: Coupling, before: GroupStep, motion: LinkMotion
-) -> tuple[jax.Array, ContactState, LinkMotion]:
+def finish_without_flow(group: Coupling, before: GroupStep, motion: LinkMotion) -> MovedLink:
     """The end of a step without flow, as that of ``finish_step``."""
     n, h = len(group.resistances), before.dt
     next_closing = before.closing + h * motion.velocity + motion.jump
     held = (motion.phase == 0) & (group.frictions > 0)
     friction = group.frictions * motion.phase
-    end, _ = group.response(held[:n], (before.pull + before.rise / 2)[:n], friction[:n])
-    end = seen_by_faces(end, before.faces)
-    end = next_closing - h / 2 * motion.velocity - h**2 / 8 * end  # from the closings at t_{m+1}
-    return before.closing, before.state._replace(closing_before=end), motion
+    gain, _ = group.response(held[:n], (before.pull + before.rise / 2)[:n], friction[:n])
+    gain = seen_by_faces(gain, before.faces)
+    # From the closings at t_{m+1} those at the end of the kick.
+    closing_after = next_closing - h / 2 * motion.velocity - h**2 / 8 * gain
+    return MovedLink(before.closing, before.state._replace(closing_before=closing_after), motion)
 
 
 def _is_undisturbed(group: Coupling, before: GroupStep) -> jax.Array:

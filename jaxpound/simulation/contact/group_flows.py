@@ -19,8 +19,8 @@ from jaxpound.simulation.contact.group import (
     Coupling,
     GroupStep,
     is_flow_needed,
+    mean_sample_shift,
     run_flow,
-    to_mean_sample,
 )
 from jaxpound.simulation.contact.records import FlowResult
 
@@ -120,7 +120,7 @@ def alike(places: Mapping[int, LinkGroup], couplings: Mapping[int, Coupling]) ->
 def flows_of(groups: Groups, before: GroupStep) -> GroupFlows:
     """The groups after their local flows."""
     result, used = checkpoint_name(groups.map(run_flow, before), FLOW)
-    shift = groups.map(to_mean_sample, result, used, before)
+    shift = groups.map(mean_sample_shift, result, used, before)
     return GroupFlows(groups, before, result, used, shift)
 
 
