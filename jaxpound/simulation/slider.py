@@ -78,7 +78,7 @@ def _followed(place: jax.Array, e: jax.Array, e_y: jax.Array) -> jax.Array:
 
 
 def _outcome(place: jax.Array, x: _SliderPath) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """P at the end, the distance slid either way, and what p exceeds its mean over the kick by."""
+    """The place at the end, the distance slid, and the place less its mean over the kick."""
     slid = jnp.abs(x.turned - place) + jnp.abs(x.place - x.turned)
     # As a quotient XLA computes it once; it computes products again for each use.
     return x.place, slid, x.way * (x.speed_then * x.left) ** 2 / (2 * x.speed_then)

@@ -53,8 +53,7 @@ class StepConstants(NamedTuple):
     @property
     def is_long(self) -> bool:
         """Whether a step is too long for a block to be unrolled (``WRITTEN_OUT``)."""
-        has_sliders = all(map(has_slider, self.yielding_laws))
-        return bool(self.groups) or len(self.rods) > WRITTEN_OUT or not has_sliders
+        return bool(self.groups) or len(self.rods) > WRITTEN_OUT or self.has_long_laws
 
     @property
     def yielding_laws(self) -> list[Any]:
@@ -74,13 +73,17 @@ class StepConstants(NamedTuple):
 
     @property
     def has_long_laws(self) -> bool:
+        """Whether rods yield by laws of more operations than ``Bilinear``."""
+        return not all(map(has_slider, self.yielding_laws))
+
+    @property
+    def has_laws_in_arrays(self) -> bool:
         """Whether laws of hysteresis of many rods are computed in arrays.
 
         They compile in half of the time; batches take up to 1.5 times as long, so that bilinear
         rods, which are short, are not.
         """
-        is_short = all(map(has_slider, self.yielding_laws))
-        return len(self.rods) > IN_KERNEL and not is_short
+        return len(self.rods) > IN_KERNEL and self.has_long_laws
 
     @property
     def block(self) -> BlockForm:

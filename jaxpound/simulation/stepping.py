@@ -154,7 +154,7 @@ class _Step(NamedTuple):
         rods = zip(self.system.hysteresis, self.before.yielding, elongations, strict=True)
         those = {r: rod for r, rod in enumerate(rods) if rod[0] is not None}
         function = partial(hysteresis_step, is_first=starts)
-        steps = map_alike(function, [*those.values()], self.system.has_long_laws)
+        steps = map_alike(function, [*those.values()], self.system.has_laws_in_arrays)
         by_number = dict(zip(those, steps, strict=True))
         return [by_number.get(r) for r in range(len(elongations))]
 
