@@ -30,11 +30,14 @@ _ENTRY = re.compile(r".+-[0-9a-f]{64}-(cache|atime)")  # the files of JAX
 _MARK = "looked-through"  # an empty file, as old as the last look at the entries
 _ZSTANDARD = b"\x28\xb5\x2f\xfd"  # first bytes of what it compresses
 
-# Loops of fewer bytes are one kernel. Where XLA does not know the option it changes nothing.
+# Loops of fewer bytes are one kernel.
 _LOOP_KERNELS = "xla_cpu_small_while_loop_byte_threshold=1000000"
 
 AFTER = 10.0
 """Seconds of a compilation until the note."""
+
+_MAKES_LOOP_KERNELS = (0, 12)
+"""The version of JAX from which on XLA makes kernels of small loops by itself."""
 
 _COMPILING = "/jax/core/compile/backend_compile_duration"  # JAX's event
 
@@ -90,15 +93,17 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
 def use_loop_kernels() -> None:
     """Let XLA compile a run's loop over its steps as one kernel, on CPUs, in this process.
 
-    By default XLA starts every small operation of a step on its own, some 50 ns each. As one kernel
-    a single run takes a third of the time, with its gradient a fifth; a pair with contact takes
-    half of it, with its gradient a twentieth. Gradients with contact at many floors compile for up
-    to twice as long. Batches gain little or nothing. Results differ by rounding at most. Call it
-    once, before JAX computes anything; the command line does so by itself. It adds an option of XLA
-    to the environment variable ``XLA_FLAGS``, which processes started from this one inherit.
+    From JAX 0.12 on XLA does so by itself, and this function does nothing. Older versions start
+    every small operation of a step on its own, some 50 ns each. As one kernel a single run takes a
+    third of the time, and a tenth with its gradient; a pair with contact takes a tenth, with or
+    without its gradient. Batches gain little or nothing. Results differ by rounding at most. Call
+    it once, before JAX computes anything; the command line does so by itself. It adds an option of
+    XLA to the environment variable ``XLA_FLAGS``, which processes started from this one inherit.
 
-    Raises ``RuntimeError`` if JAX has started without it.
+    Raises ``RuntimeError`` if JAX is older than 0.12 and has started without it.
     """
+    if jax.__version_info__ >= _MAKES_LOOP_KERNELS:
+        return
     flags = os.environ.get("XLA_FLAGS", "")
     if _LOOP_KERNELS in flags:
         return

@@ -23,11 +23,10 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxpound.simulation.history import BLOCK, NEAR, HistorySum
-from jaxpound.simulation.kernels import as_kernel
 from jaxpound.simulation.shortcut import with_shortcut
 
 Advance = Callable[[Any, list[jax.Array], jax.Array, Any], tuple[Any, list[jax.Array], Any]]
-BlockForm = Literal["written out", "loop", "kernel", "recomputed"]
+BlockForm = Literal["written out", "loop", "recomputed"]
 SingleStep = Callable[[Any, Any], tuple[Any, Any]]
 
 
@@ -64,15 +63,14 @@ def scan_with_history(
     each only.
 
     The steps of a ``block`` are "written out" one after the other; in a "loop" of their own, so
-    that the program of a long step is compiled once; in a loop that is one "kernel" where it can be
-    (``as_kernel``); or written out and "recomputed" in reverse mode, which then keeps the state
-    before each block only.
+    that the program of a long step is compiled once; or written out and "recomputed" in reverse
+    mode, which then keeps the state before each block only.
 
     With ``short`` a batch takes a shortcut from this loop (``with_shortcut``): it does what
     ``advance`` does in steps that need no more, and its out is (out, whether the step needs more).
     """
     segments, segment, idle = _layout(n_steps, segmented or checkpoint)
-    in_loop = block in ("loop", "kernel")
+    in_loop = block == "loop"
     kernels = [history.kernel(order, n_steps) for order in orders]
     weights = map(history.near, kernels, orders)
     near = [lax.split(weights_of_rod, (1,) * NEAR) for weights_of_rod in weights]
@@ -96,7 +94,7 @@ def scan_with_history(
     whole = partial(single_step, jax.jit(advance))
     steps: Callable[..., Any] = partial(_written_out, whole)
     if in_loop:
-        steps = partial(_in_loop, whole, zero, block == "kernel")
+        steps = partial(_in_loop, whole, zero)
     elif block == "recomputed":
         steps = jax.checkpoint(steps, prevent_cse=False)
     if short is not None:
@@ -166,22 +164,16 @@ def _shorter(single_step: SingleStep, state: Any, ahead: Any, entries: Any) -> A
     return (carry, past, seen), needs_more.any()
 
 
-def _in_loop(
-    single_step: SingleStep, zero: jax.Array, kernel: bool, state: Any, ahead: Any, entries: Any
-) -> Any:
+def _in_loop(single_step: SingleStep, zero: jax.Array, state: Any, ahead: Any, entries: Any) -> Any:
     """The steps of a block as a loop, with a window of c of constant length, and outs in arrays."""
 
     def slid(state: Any, item: Any) -> tuple[Any, Any]:
         (m, carry, past), seen = single_step(state, item)
         return (m, carry, [c[1:] for c in past]), seen
 
-    def loop(state: Any, items: Any) -> Any:
-        return lax.scan(slid, state, items, length=BLOCK)
-
     start, carry, recent = state
     window = [[zero] * (NEAR - BLOCK) + c for c in recent]
-    items = ahead, entries
-    (_, carry, past), out = as_kernel(loop, (start, carry, window), items, wanted=kernel)
+    (_, carry, past), out = lax.scan(slid, (start, carry, window), (ahead, entries), length=BLOCK)
     return carry, [c[-BLOCK:] for c in past], out
 
 

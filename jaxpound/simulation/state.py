@@ -21,9 +21,9 @@ from jaxpound.simulation.scan import BlockForm
 from jaxpound.simulation.slider import has_slider
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState
 
-IN_KERNEL = 8
-"""Rods up to which the steps of a block that may need a local flow are one kernel, and batches of
-them have a shortcut. Longer programs take long to compile."""
+FEW_RODS = 8
+"""Rods up to which batches have a shortcut from local flows, and every peak and law of hysteresis
+is a program of its own. Of more rods such programs take long to compile."""
 
 WRITTEN_OUT = 4
 """Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
@@ -64,12 +64,13 @@ class StepConstants(NamedTuple):
     def has_shortcut(self) -> bool:
         """Whether batches have a shorter program for steps without local flow: on CPUs."""
         always = any(group.coupling.has_resistance for group in self.groups)
-        return self.is_kernel and not always and jax.default_backend() == "cpu"
+        is_short = bool(self.groups) and len(self.rods) <= FEW_RODS
+        return is_short and not always and jax.default_backend() == "cpu"
 
     @property
     def has_many_peaks(self) -> bool:
         """Whether peaks of its series are computed in arrays, which compiles in less time."""
-        return bool(self.groups) and len(self.rods) > IN_KERNEL
+        return bool(self.groups) and len(self.rods) > FEW_RODS
 
     @property
     def has_long_laws(self) -> bool:
@@ -83,19 +84,14 @@ class StepConstants(NamedTuple):
         They compile in half of the time; batches take up to 1.5 times as long, so that bilinear
         rods, which are short, are not.
         """
-        return len(self.rods) > IN_KERNEL and self.has_long_laws
+        return len(self.rods) > FEW_RODS and self.has_long_laws
 
     @property
     def block(self) -> BlockForm:
         """How the steps of a block are computed."""
         if self.is_long:
-            return "kernel" if self.is_kernel else "loop"
+            return "loop"
         return "recomputed" if self.yielding_laws else "written out"
-
-    @property
-    def is_kernel(self) -> bool:
-        """Whether steps are to be one kernel, where they can be."""
-        return bool(self.groups) and len(self.rods) <= IN_KERNEL
 
     def link_pulls(self, loads: Sequence[Any], acceleration: Any) -> list[jax.Array]:
         """Relative accelerations of the links' ends without these; between masses u'' drops out."""

@@ -350,8 +350,9 @@ response = pickle.loads(Path({!r}).read_bytes())
 """
 
 
-def test_a_notebook_shows_each_figure_once_as_a_plain_one(response, tmp_path):
+def test_a_notebook_shows_each_figure_once_as_a_plain_one(response, tmp_path, monkeypatch):
     """It shows every value of a cell, and every figure that pyplot has at the cell's end."""
+    monkeypatch.delenv("MPLBACKEND", raising=False)  # the kernel's own shows figures in cells
     (tmp_path / "run.pickle").write_bytes(pickle.dumps(response))
     cells = [
         (SETUP.format(str(tmp_path / "run.pickle")), 0),

@@ -220,27 +220,47 @@ def test_runs_see_to_the_note(monkeypatch):
     assert note.called
 
 
-LOOP_KERNELS = """
+HAS_KERNELS = jax.__version_info__ >= (0, 12)
+"""Whether XLA compiles small loops as kernels by itself."""
+
+DROP = """
 import os, jax, jax.numpy as jnp, jaxpound as jp
-devices = jax.config.jax_num_cpu_devices
 os.environ["XLA_FLAGS"] = "--xla_cpu_enable_fast_math=false"
-jp.use_loop_kernels()
-jp.use_loop_kernels()  # once is enough
-assert os.environ["XLA_FLAGS"].startswith("--xla_cpu_enable_fast_math=false ")
-assert os.environ["XLA_FLAGS"].count("small_while_loop") == 1
-assert jax.config.jax_num_cpu_devices == devices
+{call}
 def drop(height):
     building = jp.System((1.0,), (jp.Rod(jp.ZenerRod(0.5, 0.1, 0.2), 1.0, (0, jp.GROUND)),))
     return jp.demand(building, jp.Ricker(height, 2.0, 3.0), jp.TimeGrid(0.1, 200)).peak_x1
 
 program = jax.jit(drop).lower(1.0).compile().as_text()
-assert "xla_cpu_small_call" in program  # it is not in the program that is made by default
+assert ("xla_cpu_small_call" in program) == {kernels}
+"""
+
+LOOP_KERNELS = """
+devices = jax.config.jax_num_cpu_devices
+jp.use_loop_kernels()
+jp.use_loop_kernels()  # once is enough
+assert os.environ["XLA_FLAGS"].startswith("--xla_cpu_enable_fast_math=false ")
+assert os.environ["XLA_FLAGS"].count("small_while_loop") == 1
+assert jax.config.jax_num_cpu_devices == devices
 """
 
 
+@pytest.mark.skipif(HAS_KERNELS, reason="this version needs no option")
 def test_a_loop_is_one_kernel_if_it_is_asked_for_before_jax_starts(monkeypatch):
     monkeypatch.delenv("XLA_FLAGS", raising=False)
-    subprocess.run([sys.executable, "-c", LOOP_KERNELS], check=True)
+    program = DROP.format(call=LOOP_KERNELS, kernels=True)
+    subprocess.run([sys.executable, "-c", program], check=True)
     jnp.zeros(1).block_until_ready()
     with pytest.raises(RuntimeError, match="use_loop_kernels must be called before JAX computes"):
         jp.use_loop_kernels()
+
+
+def test_newer_versions_of_jax_make_kernels_by_themselves(monkeypatch):
+    """There the call does nothing, also after JAX has started."""
+    monkeypatch.delenv("XLA_FLAGS", raising=False)
+    program = DROP.format(call="", kernels=HAS_KERNELS)
+    subprocess.run([sys.executable, "-c", program], check=True)
+    jnp.zeros(1).block_until_ready()
+    monkeypatch.setattr(jax, "__version_info__", (0, 12, 0))
+    jp.use_loop_kernels()
+    assert "small_while_loop" not in os.environ.get("XLA_FLAGS", "")

@@ -126,7 +126,7 @@ def root(x, limit):
     return jax.lax.while_loop(lambda y: jnp.abs(y[0] - y[1]) > limit, improved, start)[0]
 
 
-@pytest.mark.parametrize("width", [None, 2, 8])
+@pytest.mark.parametrize("width", [2, 8])
 @pytest.mark.parametrize("size", [1, 65, 5000])
 def test_lanes_that_need_work_have_its_results_and_all_others_zeros(width, size):
     work = jax.jit(jax.vmap(where_needed(root, width), (0, 0, None)))

@@ -18,7 +18,6 @@ def in_both_modes(
     function: Program,
     is_differentiated: Callable[[Any], bool] = lambda path: True,
     mapped: Callable[[Program, bool], Program] = lambda program, reverse: program,
-    columns: int | None = None,
 ) -> Program:
     """``function(inputs, constants)``, a pytree of real arrays, with derivatives by the inputs.
 
@@ -40,8 +39,6 @@ def in_both_modes(
         What is to be done with each of the programs, functions of (inputs, constants, ...), before
         they are called, such as another rule for batches; its second argument says whether the
         program is that of reverse mode.
-    columns
-        How many columns of J at most are computed side by side; by default all.
     """
     function = jax.jit(function)
 
@@ -62,11 +59,9 @@ def in_both_modes(
             return ravel_pytree(products)[0].sum()
 
         units = zeros[None] + np.eye(flat.size, dtype=flat.dtype)[numbers]
-        groups = 1 if columns is None else -(-len(numbers) // columns)
-        units = jnp.pad(units, ((0, -len(numbers) % groups), (0, 0)))
-        by_group = lax.map(jax.vmap(component), units.reshape(groups, -1, flat.size))
-        # Picked, not put: XLA has no scatter in a kernel.
-        return rebuild(jnp.where(np.array(mask), by_group.ravel()[np.maximum(places, 0)], 0.0))
+        products = jax.vmap(component)(units)
+        # Picked, not put: XLA calls a library for a scatter.
+        return rebuild(jnp.where(np.array(mask), products[np.maximum(places, 0)], 0.0))
 
     run, push_mapped, pull_mapped = (
         mapped(function, False),
