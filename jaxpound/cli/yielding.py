@@ -60,7 +60,8 @@ class YieldingSection(Section):
                 raise refused("law", f"must be one for each of {building.n_floors} storeys")
             keys = {x: [key for key in paths(_LAWS[x]) if key != _OF_STOREY] for x in laws}
             own = dict.fromkeys(itertools.chain(*keys.values()))
-            rule = f"must not be given with law = {shown(law)}; give {', '.join(own)}"
+            remedy = f"give {', '.join(own)}" if own else "leave law out, or let a storey yield"
+            rule = f"must not be given with law = {shown(law)}; {remedy}"
             self.refuse_any({*paths(jp.BoucWen)} - own.keys(), rule)  # which has those of Bilinear
             by_law = {"elastic": building}
             for name in keys.keys() - by_law.keys():

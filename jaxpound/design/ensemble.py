@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import jax
@@ -118,10 +119,8 @@ class Ensemble:
             if not np.isfinite(leaf).all():
                 first_invalid = int(np.argmin(np.isfinite(leaf).reshape(n, -1).all(axis=1)))
                 raise InvalidInput(owner, f"scenario {start + first_invalid}", "", "must be finite")
-
-        def more(m: int) -> Ensemble:
-            return Ensemble.drawn(scenarios, m, key, sampling=sampling, start=start + n)
-
+        options: Any = {"key": key, "sampling": sampling, "start": start + n}
+        more = partial(Ensemble.drawn, scenarios, **options)
         units = [str(part.time_unit) for part in records_in(scenario[1])]
         return Ensemble(grounds, uncertain, min(units, default=None), scenarios, more)
 

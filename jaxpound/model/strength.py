@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, hint, positive
+from jaxpound._checks import Rule, enforce, finite, hint, positive
 from jaxpound._errors import InvalidInput
 from jaxpound.model.building import Building
 
@@ -62,6 +62,10 @@ def with_weight(storey: Building, weight: Any, height: float) -> Building:
         if not hasattr(law, "hardening"):
             rule = "must be Bilinear or BoucWen: the hardening of a law of one's own is not known"
             raise InvalidInput(owner, "hysteresis", repr(law), rule)
+        limit = getattr(law, "ultimate_displacement", 0.0)
+        rule = "finite where hardening is below weight above over stiffness and height"
+        holds = finite(limit) | (law.hardening >= theta)
+        enforce(owner, [Rule("hysteresis.ultimate_displacement", limit, holds, rule)])
         law = dataclasses.replace(law, hardening=(law.hardening - theta) / left)
     stiffness, tau_x = storey.stiffness * left, storey.tau_f + (storey.tau_x - storey.tau_f) / left
     return dataclasses.replace(storey, stiffness=stiffness, tau_x=tau_x, hysteresis=law)

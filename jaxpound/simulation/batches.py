@@ -29,6 +29,11 @@ _SMALLEST_SHARE = 16
 # all fell on the same lines of the cache: a fifth slower, gradients three quarters.
 _CPU_RUNS = 480
 
+# Threads of JAX before 0.12 for a device. With as many threads as devices a program that awaits a
+# sum over all devices never ends where others wait to be launched: each of them has one thread for
+# a device, and so have those that each thread of Python launches (of which there may be three).
+_THREADS = 4
+
 # Longer series that all runs share, such as a record, are not copied for each run.
 _SMALL = 64
 
@@ -44,7 +49,8 @@ def use_cores(n: int | None = None) -> int:
 
     A run uses one core. ``jax.vmap`` of ``demand`` or ``simulate`` then uses all, if its batch is a
     multiple of n and at least 16 n; ``in_chunks`` uses them for a batch of any size. Call it once,
-    before JAX computes anything: it sets ``jax_num_cpu_devices`` of ``jax.config``.
+    before JAX computes anything: it sets ``jax_num_cpu_devices`` of ``jax.config``, and for JAX
+    before 0.12 the environment variable ``PJRT_NPROC``, the number of JAX's threads.
 
     Results lie where they were computed, spread over the devices. Within ``jax.default_device(d)``,
     and only there, arrays that are committed to one device can be batched: nothing is spread.
@@ -52,12 +58,13 @@ def use_cores(n: int | None = None) -> int:
     ``n`` is a positive whole number, by default that of all cores that this process may use.
     Returns it; raises a ``RuntimeError`` if JAX has started with another number already.
     """
-    if n is None:
-        has_affinity = hasattr(os, "sched_getaffinity")
-        n = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
-    n = count("use_cores", "n", n)
+    has_affinity = hasattr(os, "sched_getaffinity")
+    cores = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
+    n = count("use_cores", "n", cores if n is None else n)
     try:
         jax.config.update("jax_num_cpu_devices", n)
+        if jax.__version_info__ < (0, 12):
+            os.environ["PJRT_NPROC"] = str(max(cores, _THREADS * n))
     except RuntimeError as error:
         started = len(jax.devices("cpu"))
         if started != n:

@@ -16,8 +16,9 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.model.hysteresis import before_yield
+from jaxpound.model.places import rod_places
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import Ends, link_groups, rod_groups
+from jaxpound.model.topology import GROUND, Ends, link_groups, rod_groups
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
 from jaxpound.simulation.rod import nyquist_stiffness
@@ -172,7 +173,8 @@ def require_stable(structures: Structures, system: System, grid: TimeGrid, schem
     if not _courant(concrete, grid.dt, scheme) < 1:
         unit = "/ω1" if gravity_of(structures) is None else " s"
         limit = f"{stability_limit(system, scheme):.8g}{unit}"
-        rule = f"must be below the stability limit {limit} of these structures"
+        rule = f"must be below the stability limit {limit} of these structures, which "
+        rule += _stiffest(concrete, _nyquist(concrete, grid.dt, scheme)) + " sets"
         raise InvalidInput("grid", "dt", f"{grid.dt:.8g}{unit}", rule)
 
 
@@ -216,6 +218,16 @@ def is_stable(system: System, dt: Any, scheme: Scheme) -> Any:
 def _courant(system: System, dt: Any, scheme: Scheme) -> Any:
     """h² λ / 4 of a concrete system, below 1 where explicit stepping is stable."""
     return dt**2 / 4 * _largest_eigenvalue(system, _nyquist(system, dt, scheme))
+
+
+def _stiffest(system: System, stiffness: list[Any]) -> str:
+    """The rod with the largest stiffness over the masses at its ends, in words."""
+    rates = [
+        np.max(k * sum(1 / system.masses[i] for i in ends if i != GROUND))
+        for k, ends in zip(stiffness, system.topology.rods, strict=True)
+    ]
+    rod = int(np.argmax(rates))
+    return f"rods.{rod} ({rod_places(system.topology)[rod]})"
 
 
 def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:

@@ -2,7 +2,8 @@
 
 Each file is written whole under another name and then moved, never edited, so that independent
 processes can fill one store at once without a lock: the first manifest stays, a study's full chunk
-has the same numbers from every process, and an empty file ``samples-N`` requests N samples (the
+has the same numbers from every process (but for the last digits, which change with the number of
+cores), and an empty file ``samples-N`` requests N samples (the
 largest N counts). A ``RunLog`` is for one process: of two, each would replace runs of the other,
 which are then only run again. The name
 of a last chunk with fewer samples states their number; a larger study removes it once it has
@@ -87,7 +88,7 @@ class Store:
                     raise ValueError(f"store {folder}: {MANIFEST} {rule}")
                 archive.replace_file(folder / MANIFEST, lambda f: f.write(sealed), True)
         store = Store(folder, n)
-        if differences := list(_differences(store.manifest["identity"], identity)):
+        if differences := sorted(_differences(store.manifest["identity"], identity), key=_is_cut):
             shown = "; ".join(differences[:6]) + ("; ..." if len(differences) > 6 else "")
             raise ValueError(f"store {folder} holds another study: {shown}")
         if n > store.requested():
@@ -272,6 +273,11 @@ def _differences(stored: Any, current: Any, path: str = "") -> Iterator[str]:
             yield from _differences(stored.get(key), current.get(key), place)
     elif stored != current:
         yield f"{path} is {_short(stored)} there and {_short(current)} here"
+
+
+def _is_cut(difference: str) -> bool:
+    """Whether lists or texts in a difference are cut, so that it may not show what differs."""
+    return "..." in difference
 
 
 def _short(value: Any) -> str:

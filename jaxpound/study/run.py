@@ -196,11 +196,12 @@ def monte_carlo(
         stored.sweep()
         return Study.of_store(stored, moments, **sources)
     about = {"n": task.n, **context, "identity": identity}
-
-    def parts(name: str) -> Iterator[np.ndarray]:
-        return (columns[chunk][name] for chunk in chunks)
-
+    parts = partial(_parts_in_memory, [columns[chunk] for chunk in chunks])
     return Study([range(task.n)], about, total(moments.values()), parts, **sources)
+
+
+def _parts_in_memory(columns: Sequence[Columns], name: str) -> list[np.ndarray]:
+    return [of_chunk[name] for of_chunk in columns]
 
 
 def _check(scenarios: Any, n: Any, grid: Any, scheme: Any, sampling: Any, measures: Any) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -28,6 +29,19 @@ from jaxpound.study.gaps import RequiredGaps, Separation, double_difference_corr
 from jaxpound.study.statistics import Estimate, Moments
 from jaxpound.study.weighting import correlation
 from jaxpound.units import Scales
+
+
+def _parts_of_store(store: Store, chunks: Sequence[int], name: str) -> Iterator[np.ndarray]:
+    """A column of a store, chunk by chunk."""
+    for chunk in chunks:
+        reason = f"chunk {chunk} is missing"
+        try:
+            part = store.read(chunk, [name])
+        except DamagedError as error:
+            part, reason = None, str(error)
+        if part is None:
+            raise ValueError(f"store {store.folder}: {reason}; run monte_carlo again")
+        yield part[name]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -77,18 +91,7 @@ class Study(DemandColumns):
     @staticmethod
     def of_store(store: Store, moments: Mapping[int, Mapping[str, Moments]], **more: Any) -> Study:
         """The study of some chunks of a store, whose columns have these moments."""
-
-        def parts(name: str) -> Iterator[np.ndarray]:
-            for chunk in moments:
-                reason = f"chunk {chunk} is missing"
-                try:
-                    part = store.read(chunk, [name])
-                except DamagedError as error:
-                    part, reason = None, str(error)
-                if part is None:
-                    raise ValueError(f"store {store.folder}: {reason}; run monte_carlo again")
-                yield part[name]
-
+        parts = partial(_parts_of_store, store, [*moments])
         rows = [store.rows(chunk) for chunk in moments]
         about = {"n": store.requested(), **store.manifest}
         return Study(rows, about, total(moments.values()), parts, **more)

@@ -92,7 +92,14 @@ test_faults = refusals(
     ("yield_force = 1e6\nlaw = ['bilinear']", "law must be one for each of 3 storeys"),
     ("yield_force = 1e6\nlaw = 'linear'", 'law = "linear" must be "bilinear" or "bouc-wen", or a'),
     ("yield_force = 1e6\nhardening = -0.1", "ultimate_displacement = inf must be finite where"),
-    ("yield_drift = 0.01\np_delta = true", "p_delta: ultimate_displacement = inf must be fin"),
+    (
+        "yield_drift = 0.01\np_delta = true",
+        "p_delta: hysteresis.ultimate_displacement = inf must be finite where hardening is below",
+    ),
+    (
+        "yield_force = 1e6\nlaw = ['elastic', 'elastic', 'elastic']\nbeta = 0.5",
+        "beta must not be given with law = .*; leave law out",
+    ),
     of=lambda keys: layout_of(STOREYS + keys),
     before=r"row.toml: \[\[building\]\] 1 ",
 )

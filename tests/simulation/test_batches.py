@@ -180,6 +180,23 @@ def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
         np.testing.assert_allclose(two[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
 
 
+IN_FLIGHT = """
+import jax, jaxpound as jp, numpy as np
+cores = jp.use_cores()
+grid, structures = jp.TimeGrid(0.02, 400), jp.paper.structures()
+def min_gap(a): return jp.demand(structures, jp.Ricker(a, [1.25, 2.0], [1.5, 2.5]), grid).min_gap
+mean = jax.jit(lambda a: jax.vmap(min_gap)(a).mean())
+amplitudes = np.linspace(0.1, 0.5, 16 * cores)
+gaps = [mean(amplitudes) for _ in range(600)]
+assert len(set(map(float, gaps))) == 1
+"""
+
+
+def test_means_of_many_batches_in_flight_end():
+    """Of more than JAX has room for: the next ones wait to be launched."""
+    subprocess.run([sys.executable, "-c", IN_FLIGHT], check=True, timeout=60)
+
+
 def test_second_derivatives_of_a_batch_against_differences_of_the_first():
     (a, mu), step = batch(3), 1e-6
 

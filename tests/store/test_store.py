@@ -133,6 +133,9 @@ def test_folders_in_the_place_of_chunks_other_studies_and_other_things_are_left_
     again = Store.create, store.folder
     words = r"holds another study: grid.dt is 0.1 there and 0.2 here"
     refused(words, *again, IDENTITY | {"grid": {"dt": 0.2}}, 10, {})
+    words = r"holds another study: grid.dt is 0.1 there and 0.2 here; columns is "  # cut lists last
+    longer = {"columns": [*map(str, range(20))], "grid": {"dt": 0.2}}
+    refused(words, *again, IDENTITY | longer, 10, {})
     words = r"grid.h is absent there and 1 here"
     refused(words, *again, IDENTITY | {"grid": {"dt": 0.1, "h": 1}}, 10, {})
     assert all(store.read(k) is not None for k in store.chunks())

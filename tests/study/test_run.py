@@ -2,6 +2,7 @@
 
 import dataclasses
 import multiprocessing
+import pickle
 import signal
 import subprocess
 import sys
@@ -278,6 +279,17 @@ def test_another_study_is_refused_with_what_differs(tmp_path):
     for _ in range(2):
         study(jp.Scenarios(SLIDING, waves(MEDIAN)), **stored)
     refused("holds another study: program", study, jp.Scenarios(SLIDING, waves(0.4)), **stored)
+
+
+def test_studies_survive_pickling_in_memory_and_from_a_store(tmp_path):
+    scenarios = jp.Ensemble.drawn(RANDOM, 3)
+    for kept in (study(), study(store=tmp_path / "kept"), jp.Study.open(tmp_path / "kept")):
+        again = pickle.loads(pickle.dumps(kept))
+        assert again.columns == kept.columns
+        assert_array_equal(again["min_gap"], kept["min_gap"])
+    again = pickle.loads(pickle.dumps(scenarios))
+    both = [jax.tree.leaves(x.fresh(2).grounds) for x in (scenarios, again)]
+    jax.tree.map(assert_array_equal, *both)
 
 
 FILLING = """
