@@ -25,7 +25,10 @@ def tuned_mass_damper(
     frequency_ratio: Any = None,
     damping_ratio: Any = None,
 ) -> ShearBuilding:
-    """A building with a tuned mass on a spring and a dashpot on its roof, as its top storey.
+    """A building with a tuned mass on a spring and a dashpot on its roof.
+
+    Spring and dashpot are a rod of ``order=1`` with τ_f ω = 0.01 (``Building.from_period``), which
+    is no pure dashpot: modes whose damping ratios would be equal differ by about a tenth.
 
     Parameters
     ----------
@@ -134,7 +137,7 @@ class _FirstMode:
         modes = frame.modes()
         shape = (modes.shapes[:, 0] / modes.shapes[-1, 0]).real
         mass = sum(storey.mass * shape[i] ** 2 for i, storey in enumerate(frame.storeys))
-        return _FirstMode(frame, shape, mass, modes.periods[0])
+        return _FirstMode(frame, shape, mass, frame.natural_period)
 
     def tuned(
         self, owner: str, ratio: Any, mass: Any, inertance: Any, frequency: Any, damping: Any

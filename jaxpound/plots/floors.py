@@ -200,7 +200,7 @@ def mode_shapes(
     >>> from jaxpound.plots import mode_shapes
     >>> building = jp.ShearBuilding.from_period(5, 300e3, period=0.6, damping_ratio=0.05)
     >>> print(mode_shapes(building, n=2).get_legend().get_texts()[0].get_text())
-    mode 1: $T$ = 0.6 s, $\zeta$ = 5 %
+    mode 1: $T$ = 0.599 s, $\zeta$ = 5.1 %
     """
     instance("mode_shapes", "structures", structures, Storeys, ShearBuilding, Buildings)
     n = count("mode_shapes", "n", n)

@@ -86,6 +86,22 @@ def test_a_tuned_inerter_has_the_share_of_the_modal_mass_that_its_floors_move(fl
     np.testing.assert_allclose(periods, by_mass, rtol=near)
 
 
+def test_modes_of_a_tuned_mass_are_close_and_damped_as_the_rods_have_it():
+    """Where a dashpot's modes are one, 11.2 % twice, τ_f of 1 % leaves 10.5 and 12.0 %."""
+    ratio, block = 0.05, jp.Building(1e6, 4e6 * np.pi**2, 1.0, 1e-9, 1e-9)
+    zeta, tuning = np.sqrt(ratio / (1 + ratio)), 1 / (1 + ratio)
+    tuned = jp.tuned_mass_damper(block, ratio, frequency_ratio=tuning, damping_ratio=zeta)
+    modes = tuned.modes()
+    np.testing.assert_allclose(modes.damping_ratios, [0.1048, 0.1199], atol=1e-4)
+    assert modes.participation.sum() == pytest.approx(1, rel=1e-9)
+    omega = 2 * np.pi * tuning
+    dashpot = jp.ZenerRod(1.0, 1e-12, 2 * zeta / omega)
+    rods = jp.Rod(jp.ZenerRod(1.0, 1e-9, 1e-9), 4 * np.pi**2), jp.Rod(dashpot, ratio * omega**2)
+    twice = jp.modes(jp.Storeys((1.0, ratio), rods))
+    np.testing.assert_allclose(twice.damping_ratios, zeta * np.sqrt(1 + ratio) / 2, rtol=1e-4)
+    assert not twice.overdamped.any()
+
+
 NOT_POSITIVE = "must be positive and finite"
 TOO_SHORT = "period = 0.0005 must be between 0.002 and 60 s"
 OF_TYPE = "building = 3.0 must be of type ShearBuilding or Building"
