@@ -111,11 +111,12 @@ class StoreySection(Section):
     tau_f: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
     tau_x: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
     heights: Annotated[_Height | list[_Height], each(_Height)] | None = None
+    tuned_masses: _Number | None = None
 
     def __post_init__(self) -> None:
         values = self.stated()
         uniform = not values.keys().isdisjoint({*_ONE_RULE} - {*_LISTED})
-        allowed = _ONE_RULE if uniform else (*_LISTED, "heights")
+        allowed = _ONE_RULE if uniform else (*_LISTED, "heights", "tuned_masses")
         for key, value in values.items():
             if key not in allowed or (uniform and isinstance(value, list)):
                 fault = f"a list of {key}" if key in allowed else key
@@ -129,7 +130,8 @@ class StoreySection(Section):
         values = self.stated()
         with named("", UNITS):
             if "masses" in values:
-                return jp.ShearBuilding.of_storeys(**values)
+                n_tuned = values.pop("tuned_masses", 0)
+                return dataclasses.replace(jp.ShearBuilding.of_storeys(**values), n_tuned=n_tuned)
             n, mass = values.pop("number"), values.pop("mass")
             return jp.ShearBuilding.from_period(n, mass, **values)
 
@@ -287,7 +289,7 @@ class BuildingsLayout:
             for n, link in by_table
         ]
         labels = LinkLabels("", names.__getitem__, first=1)
-        require_floors([building.n_floors for building in models], floor_links, labels)
+        require_floors([len(building.storeys) for building in models], floor_links, labels)
         require_heights(models, floor_links, labels)
         bearings = tuple(building.isolation for building in buildings)
         touching: list[Any] = [*links, *(x.wall for x in bearings if x and x.wall)]
@@ -330,8 +332,9 @@ def as_toml(buildings: jp.Buildings) -> str:
         storeys = building.storeys
         series = {plural.get(key, key): [getattr(x, key) for x in storeys] for key in _BY_ROD}
         series["heights"] = building.heights
-        yields = _lists(keys_of(storeys))
-        lines += ["[[building]]", *yields, "[building.storeys]", *_lists(series), ""]
+        yields, n_tuned = _lists(keys_of(storeys[: building.n_floors])), building.n_tuned
+        lines += ["[[building]]", *yields, "[building.storeys]", *_lists(series)]
+        lines += [f"tuned_masses = {n_tuned}  # the last of these", ""] if n_tuned else [""]
     for link in buildings.links:
         lines += ["[[link]]", f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
         if link.other_floor == jp.GROUND:

@@ -8,6 +8,7 @@ of the file.
 
 from __future__ import annotations
 
+import dataclasses
 import operator
 import re
 from collections.abc import Mapping, Sequence
@@ -183,7 +184,7 @@ class Parameters:
                 scales.storey(rod.material, mass * scales.mass, rod.stiffness * stiffness)
                 for mass, rod in zip(building.masses, building.rods, strict=True)
             ]
-            buildings.append(jp.ShearBuilding(tuple(storeys), stated.heights))
+            buildings.append(dataclasses.replace(stated, storeys=tuple(storeys)))
         links = scaled_links(structures.links, scales, "Buildings", operator.mul)
         return jp.Buildings.of("Buildings", buildings, links)
 
@@ -219,9 +220,12 @@ def _keys_of_row(layout: BuildingsLayout) -> dict[str, list[str]]:
     keys: dict[str, list[str]] = {}
     row: Any = layout.structures
     for b, building in enumerate(layout.buildings):
-        for i in range(building.n_floors):
+        for i in range(len(building.storeys)):
             rod, storey = f"buildings.{b}.rods.{i}", f"building.{b + 1}.storey.{i + 1}"
-            keys[f"building.{b + 1}.floor.{i + 1}.mass"] = [f"buildings.{b}.masses.{i}"]
+            floor = f"building.{b + 1}.floor.{i + 1}"
+            if i >= building.n_floors:
+                floor = storey = f"building.{b + 1}.tuned_mass"
+            keys[f"{floor}.mass"] = [f"buildings.{b}.masses.{i}"]
             keys[f"{storey}.stiffness"] = [f"{rod}.stiffness"]
             material = row.buildings[b].rods[i].material
             fixed = _OF_ROD if layout.bearings[b] and i == 0 else ()  # of bearings, without creep

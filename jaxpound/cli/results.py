@@ -59,11 +59,15 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
 
 
 def _of_building(building: Any, floors: Any, bearing: Any, demand: jp.Demand) -> dict[str, Any]:
-    if isinstance(building, jp.Building):
+    keys = ("period_s", "damping_ratio", "share_of_mass", "overdamped")
+    if isinstance(building, jp.Building):  # as the file of a pair states it
+        modes: list[Any] = [(building.natural_period, building.damping_ratio, 1.0, False)]
         building = jp.ShearBuilding((building,))
-    modes = building.modes()
-    columns = modes.periods, modes.damping_ratios, modes.participation
-    keys = ("period_s", "damping_ratio", "share_of_mass")
+    else:
+        by = building.modes()
+        columns = by.periods, by.damping_ratios, by.participation, by.overdamped
+        modes = [*zip(*columns, strict=True)]
+    heights = building.heights[: building.n_floors]
     storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
     above = slice(bearing is not None, None)  # storeys above bearings
     return {
@@ -72,12 +76,13 @@ def _of_building(building: Any, floors: Any, bearing: Any, demand: jp.Demand) ->
         "series": [mass + 1 for mass in floors.masses],
         "peak_displacement_m": float(np.max(floors.displacement)),
         "peak_drift_m": float(np.max(floors.drift[above])),
-        "peak_drift_ratio": float(np.max((floors.drift / np.array(building.heights))[above])),
+        "peak_drift_ratio": float(np.max((floors.drift / np.array(heights))[above])),
         "peak_absolute_acceleration_m_per_s2": float(np.max(floors.acceleration)),
         "base_shear_N": float(floors.shear[0]),
         "yielding": [{"storey": i} | x for i, x in storeys if x],
+        "tuned_mass_strokes_m": [] if floors.stroke is None else [*map(float, floors.stroke)],
         "isolation": bearing and _of_bearing(bearing.model(), float(floors.displacement[0])),
-        "modes": [dict(zip(keys, map(float, x), strict=True)) for x in zip(*columns, strict=True)],
+        "modes": [dict(zip(keys, (*map(float, x[:3]), bool(x[3])), strict=True)) for x in modes],
     }
 
 
@@ -189,7 +194,9 @@ def lines(results: dict[str, Any]) -> list[str]:
         "building": [str(i) for i, _ in enumerate(buildings, 1)],
         "storeys": [x["storeys"] for x in buildings],
         "period (s)": [mode["period_s"] for mode in modes],
-        "damping (%)": [100 * mode["damping_ratio"] for mode in modes],
+        "damping (%)": [
+            "overdamped" if mode["overdamped"] else 100 * mode["damping_ratio"] for mode in modes
+        ],
         "displacement (m)": [x["peak_displacement_m"] for x in buildings],
         "drift (%)": [100 * x["peak_drift_ratio"] for x in buildings],
         "acceleration (m/s²)": [x["peak_absolute_acceleration_m_per_s2"] for x in buildings],
@@ -206,6 +213,10 @@ def lines(results: dict[str, Any]) -> list[str]:
             "collapsed": ["yes" if x["collapsed"] else "no" for _, x in storeys],
         }
         tables.append(yields)
+    strokes = [(i, x["tuned_mass_strokes_m"]) for i, x in enumerate(buildings, 1)]
+    if tuned := [(str(i), stroke) for i, of_building in strokes for stroke in of_building]:
+        keys = "tuned mass of building", "stroke (m)"
+        tables.append(dict(zip(keys, map(list, zip(*tuned, strict=True)), strict=True)))
     if bearings := [(i, x["isolation"]) for i, x in enumerate(buildings, 1) if x["isolation"]]:
         of_bearings = {
             "bearings of building": [str(i) for i, _ in bearings],

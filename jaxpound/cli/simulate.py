@@ -115,7 +115,7 @@ def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
         figures["row"] = drawn(plots.row, layout.structures, elevations, scales=layout.scales)
         figures["envelopes"] = drawn(plots.envelopes, floors, elevations)
         for i, building in enumerate(layout.buildings, 1):
-            if building.n_floors > 1:
+            if len(building.storeys) > 1:
                 figures[f"mode_shapes_{i}"] = drawn(plots.mode_shapes, building)
     return figures | {name: drawn(getattr(plots, name), response) for name in names}
 

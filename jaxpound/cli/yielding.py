@@ -68,8 +68,9 @@ class YieldingSection(Section):
                 numbers = {key: x for key, x in stated.items() if key in (*STRENGTHS, *keys[name])}
                 with named(""):
                     by_law[name] = building.yielding(_LAWS[name], **numbers)
-            storeys = tuple(by_law[name].storeys[i] for i, name in enumerate(laws))
-            building = dataclasses.replace(building, storeys=storeys)
+            storeys = [by_law[name].storeys[i] for i, name in enumerate(laws)]
+            storeys += building.storeys[building.n_floors :]
+            building = dataclasses.replace(building, storeys=tuple(storeys))
         with named("p_delta:"):
             return building.with_p_delta() if p_delta else building
 

@@ -44,7 +44,7 @@ def pushover(building: ShearBuilding, ductility: float = 6.0) -> Pushover:
     """
     owner = "pushover"
     instance(owner, "building", building, ShearBuilding)
-    storeys, most = building.storeys, number(owner, "ductility", ductility)
+    storeys, most = building.storeys[: building.n_floors], number(owner, "ductility", ductility)
     if not is_known_and_single(building) or all(storey.hysteresis is None for storey in storeys):
         raise InvalidInput(owner, "building", "", "must yield, by single numbers, none traced")
     enforce(owner, [Rule("ductility", most, (most > 1) & finite(most), "above 1 and finite")])

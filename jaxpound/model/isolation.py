@@ -248,7 +248,8 @@ def isolated(
     weight = gravity * (base_mass + sum(storey.mass for storey in above.storeys))
     with renamed(owner, {"mass": "base_mass", "heights.0": "height"}):
         base = bearing.storey(base_mass, weight, gravity)
-        on_bearings = ShearBuilding((base, *above.storeys), (height, *above.heights))
+        storeys, heights = (base, *above.storeys), (height, *above.heights)
+        on_bearings = ShearBuilding(storeys, heights, above.n_tuned)
     between = bearing.between(weight)
     link = wall.link if wall else partial(FloorLink, floor=0, next_building=GROUND)
     return on_bearings, (link(number, **between),) if wall or between else ()

@@ -5,11 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 
-from jaxpound.model.topology import GROUND, Ends, Topology, faces, floors
+from jaxpound.model.topology import GROUND, Ends, Topology, faces, stacks
+
+TUNED = 0
+"""The number of a tuned mass among the floors of a building, which count from 1."""
 
 
 def mass_places(topology: Topology) -> tuple[str, ...]:
-    """``floor 2 of building 1``; of buildings of one storey ``building 1``, else ``mass 1``."""
+    """``floor 2 of building 1``; of buildings of one storey ``building 1``, else ``mass 1``.
+
+    A tuned mass and its rod are ``tuned mass of building 1``.
+    """
     home, n = homes(topology), topology.n_masses
     return tuple(_part("floor", home, home[i]) if home else f"mass {i + 1}" for i in range(n))
 
@@ -29,6 +35,8 @@ def rod_places(topology: Topology) -> tuple[str, ...]:
 def _part(part: str, home: Mapping[int, Ends], place: Ends) -> str:
     """A part of a building by its number; the building where all have one storey."""
     building, floor = place
+    if floor == TUNED:
+        return f"tuned mass of building {building}"
     has_floors = any(floor > 1 for _, floor in home.values())
     return f"{part} {floor} of building {building}" if has_floors else f"building {building}"
 
@@ -37,9 +45,9 @@ def homes(topology: Topology, *, of_rods: bool = False) -> dict[int, Ends]:
     """Building and floor of each mass or rod, from 1; empty if these are no shear buildings."""
     with suppress(ValueError):
         return {
-            pair[of_rods]: (building + 1, floor + 1)
-            for building, storeys in enumerate(floors(topology))
-            for floor, pair in enumerate(storeys)
+            pair[of_rods]: (building + 1, TUNED if pair[0] in topology.tuned else floor + 1)
+            for building, stack in enumerate(stacks(topology))
+            for floor, pair in enumerate(stack)
         }
     return {}
 
@@ -72,8 +80,14 @@ def link_place(end: Ends, other: Ends | None) -> str:
     ('in 1, floors 1–2', '1–ground, floor 2')
     """
     if other is None:
-        return f"{end[0]}–ground, floor {end[1]}"
+        return f"{end[0]}–ground, {_floor(end[1])}"
     (building, floor), (next_building, next_floor) = sorted((end, other))
     between = f"in {building}" if building == next_building else f"{building}–{next_building}"
-    floors = f"floor {floor}" if floor == next_floor else f"floors {floor}–{next_floor}"
+    if TUNED in (floor, next_floor):
+        return f"{between}, {_floor(floor)}–{_floor(next_floor)}"
+    floors = _floor(floor) if floor == next_floor else f"floors {floor}–{next_floor}"
     return f"{between}, {floors}"
+
+
+def _floor(number: int) -> str:
+    return f"floor {number}" if number else "tuned mass"

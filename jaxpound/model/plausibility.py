@@ -17,8 +17,7 @@ from jaxpound._checks import Range, is_known_and_single
 from jaxpound._fields import unchecked
 from jaxpound.model.contact import KelvinVoigt, Newton
 from jaxpound.model.system import Link
-from jaxpound.model.topology import GROUND
-from jaxpound.model.topology import floors as floors_of
+from jaxpound.model.topology import GROUND, stacks
 from jaxpound.quantities import SI, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -75,6 +74,7 @@ class _Floors(NamedTuple):
     weights: np.ndarray
     masses: np.ndarray
     inertias: np.ndarray  # masses with the inertances at each
+    tuned: tuple[int, ...]  # masses that are no floors
     moved: np.ndarray  # displacement under 1 g, by the stiffness of the first mode
     periods: np.ndarray  # of each floor on its own storey, by the same stiffness
     first_periods: tuple[float, ...]  # natural period of each building
@@ -90,7 +90,7 @@ class _Floors(NamedTuple):
         stiffnesses, moved = np.ones_like(masses), np.ones_like(masses)
         with jax.ensure_compile_time_eval():  # concrete numbers, in a traced function too
             frequencies = [float(omega) for omega in structures.natural_frequencies]
-        for building, omega in zip(floors_of(system.topology), frequencies, strict=True):
+        for building, omega in zip(stacks(system.topology), frequencies, strict=True):
             above = [mass for mass, _ in building]
             soft = np.array([float(system.rods[rod].stiffness) for _, rod in building])
             at_rest = np.cumsum(np.cumsum(masses[above][::-1])[::-1] / soft)
@@ -106,6 +106,7 @@ class _Floors(NamedTuple):
             weights=masses * mass * float(scales.gravity),
             masses=masses * mass,
             inertias=inertia * mass,
+            tuned=system.topology.tuned,
             moved=moved * float(scales.length),
             periods=2 * np.pi * np.sqrt(masses / stiffnesses) * time,
             first_periods=tuple(2 * math.pi / omega * time for omega in frequencies),
@@ -113,9 +114,10 @@ class _Floors(NamedTuple):
 
     def doubts(self) -> Iterator[str]:
         """Findings in masses and periods."""
-        least, most = self.inertias.min(), self.inertias.max()
+        inertias, masses = (np.delete(x, self.tuned) for x in (self.inertias, self.masses))
+        least, most = inertias.min(), inertias.max()
         if most > MOST_RATIO * least:
-            inertances = " with inertances" if (self.inertias != self.masses).any() else ""
+            inertances = " with inertances" if (inertias != masses).any() else ""
             yield (
                 f"the masses of floors{inertances}, {least:.4g} to {most:.4g} kg, should be within "
                 f"a factor of {MOST_RATIO:g}: are all in kg?"

@@ -165,7 +165,7 @@ class Row:
             object.__setattr__(self, name, as_tuple("Row", name, getattr(self, name)))
         object.__setattr__(self, "links", by_face(self.links))
         check(self)
-        floors = [building.n_floors for building in self.buildings]
+        floors = [len(building.masses) for building in self.buildings]
         require_floors(floors, self.links, LinkLabels("Row"))
 
     @property
@@ -175,16 +175,20 @@ class Row:
 
     def system(self) -> System:
         """Masses, rods and links, building by building."""
-        starts = _first_floors([building.n_floors for building in self.buildings])
-        masses, rods, links = list[Any](), list[Rod](), list[Link]()
+        starts = _first_floors([len(building.masses) for building in self.buildings])
+        masses, rods, links, tuned = list[Any](), list[Rod](), list[Link](), list[int]()
         for building, first in zip(self.buildings, starts, strict=False):
             masses += building.masses
+            tuned += range(first + building.n_floors, len(masses))
             rods += building.rods_from(first)
         for x in self.links:
             between = {name: getattr(x, name) for name in BETWEEN}
             links.append(unchecked(Link, ends=_ends(x, starts), **between))
         kept, dampers = without_dampers(links)
-        return unchecked(System, masses=tuple(masses), rods=(*rods, *dampers), links=kept)
+        all_rods = (*rods, *dampers)
+        return unchecked(
+            System, masses=tuple(masses), rods=all_rods, links=kept, tuned=tuple(tuned)
+        )
 
 
 def by_face(links: Sequence[Any]) -> tuple[Any, ...]:
@@ -259,7 +263,8 @@ def common_floors(left: Any, right: Any) -> list[tuple[int, int]]:
     if not (isinstance(left, ShearBuilding) and isinstance(right, ShearBuilding)):
         counts = (getattr(building, "n_floors", 1) for building in (left, right))
         return [(i, i) for i in range(min(counts))]
-    slab = np.minimum(_SLAB, np.minimum.outer(left.heights, right.heights) / 4)
+    heights = [building.heights[: building.n_floors] for building in (left, right)]
+    slab = np.minimum(_SLAB, np.minimum.outer(*heights) / 4)
     apart = np.abs(np.subtract.outer(left.elevations, right.elevations))
     return [(i, j) for i, j in np.argwhere(apart <= slab * (1 + 1e-9)).tolist()]
 
@@ -345,7 +350,8 @@ def require_heights(
             continue
         left, right = buildings[link.building], buildings[link.other_building]
         if (link.floor, link.other_floor) not in common_floors(left, right):
-            low, high = left.elevations[link.floor], right.elevations[link.other_floor]
+            ends = (left, link.floor), (right, link.other_floor)
+            low, high = (np.cumsum(building.heights)[floor] for building, floor in ends)
             name = f"{link}, at {low:g} m and {high:g} m,"
             rule = "must be at one height; next_floor says which floor is meant where none is"
             raise labels.invalid(k, name, "", rule)

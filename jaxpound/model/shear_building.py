@@ -17,7 +17,7 @@ from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.hysteresis import Bilinear
 from jaxpound.model.strength import storey_shears, with_weight
-from jaxpound.model.structures import Storeys
+from jaxpound.model.structures import Storeys, require_tuned
 from jaxpound.model.system import Rod, as_tuple
 from jaxpound.model.vibration import Modes, first_frequency, modes
 from jaxpound.quantities import STANDARD_GRAVITY
@@ -49,26 +49,32 @@ class ShearBuilding:
     heights
         Height > 0 of each storey, m, or one for all; 3 m by default. Heights do not affect the
         motion: they decide which floors of neighbours meet, and figures draw them.
+    n_tuned
+        How many of the last storeys are tuned masses (``tuned_mass_damper``) on their rods: these
+        are no floors and no storeys of the building. None by default. A link names the first as the
+        floor above the roof.
 
     Examples
     --------
     >>> building = jp.ShearBuilding.from_period(5, 300e3, period=0.6, damping_ratio=0.05)
     >>> building.elevations.tolist()
     [3.0, 6.0, 9.0, 12.0, 15.0]
-    >>> modes = building.modes()
-    >>> round(float(modes.periods[0]), 6), round(float(modes.damping_ratios[0]), 6)
-    (0.6, 0.05)
+    >>> modes = building.modes()  # of free vibrations; the period of steady ones is 0.6 s
+    >>> round(float(modes.periods[0]), 4), round(float(modes.damping_ratios[0]), 4)
+    (0.5992, 0.0512)
     """
 
     storeys: tuple[Building, ...] = part(Building, each=True)
     heights: tuple[float, ...] = static(default=3.0)
+    n_tuned: int = static(default=0)
 
     def __post_init__(self) -> None:
         owner, heights = "ShearBuilding", cast("Any", self.heights)
         object.__setattr__(self, "storeys", as_tuple(owner, "storeys", self.storeys))
-        n = self.n_floors
+        n = len(self.storeys)
         if not n:
             raise InvalidInput(owner, "storeys", "()", "must hold at least one storey")
+        require_tuned(owner, self.n_tuned, n)
         heights = (heights,) * n if np.ndim(heights) == 0 else as_tuple(owner, "heights", heights)
         if len(heights) != n:
             name = f"heights, {len(heights)} of them,"
@@ -208,7 +214,7 @@ class ShearBuilding:
         Examples
         --------
         >>> jp.ShearBuilding.published("chopra-5").modes().periods.round(4).tolist()
-        [2.0004, 0.661, 0.4103, 0.315, 0.274]
+        [1.9977, 0.6585, 0.408, 0.3128, 0.2718]
         """
         if not isinstance(name, str) or name not in _PUBLISHED:
             rule = f"unknown name {name!r}; {_checks.hint(str(name), _PUBLISHED)}"
@@ -263,20 +269,21 @@ class ShearBuilding:
             name = f"a strength by {' and '.join(stated) or 'nothing'}"
             raise InvalidInput(owner, name, "", f"must be by one of {', '.join(STRENGTHS)}")
         ((name, value),), n = stated.items(), self.n_floors
+        yielding, tuned = self.storeys[:n], self.storeys[n:]
         values = [_checks.real(owner, name, x) for x in _each(owner, name, value, n)]
         enforce(owner, [STRENGTHS[name].of(name, x) for x in values])
         if base_shear_coefficient is not None:
-            weight = gravity * sum(storey.mass for storey in self.storeys)
-            values = storey_shears(self.storeys, self.elevations, values[0] * weight)
+            weight = gravity * sum(storey.mass for storey in yielding)
+            values = storey_shears(yielding, self.elevations, values[0] * weight)
         if yield_drift is not None:
-            lengths = [x * height for x, height in zip(values, self.heights, strict=True)]
+            lengths = [x * height for x, height in zip(values, self.heights, strict=False)]
         else:
-            lengths = [force / x.stiffness for force, x in zip(values, self.storeys, strict=True)]
+            lengths = [force / x.stiffness for force, x in zip(values, yielding, strict=True)]
         listed = {key: _each(owner, key, x, n) for key, x in numbers.items()}
         listed["yield_displacement"] = tuple(lengths)
         laws = [law(**{key: x[i] for key, x in listed.items()}) for i in range(n)]
-        storeys = map(lambda x, y: dataclasses.replace(x, hysteresis=y), self.storeys, laws)
-        return dataclasses.replace(self, storeys=tuple(storeys))
+        storeys = map(lambda x, y: dataclasses.replace(x, hysteresis=y), yielding, laws)
+        return dataclasses.replace(self, storeys=(*storeys, *tuned))
 
     def with_p_delta(self, gravity: Any = STANDARD_GRAVITY) -> ShearBuilding:
         """The building under its own weight, which acts at the drift of its storeys (P–Δ).
@@ -288,22 +295,23 @@ class ShearBuilding:
         above = np.cumsum([storey.mass for storey in self.storeys][::-1])[::-1]
         if is_traced(above):
             raise InvalidInput("with_p_delta", "masses", "", "must be known, not traced")
-        storeys = tuple(map(with_weight, self.storeys, gravity * above, self.heights))
-        return dataclasses.replace(self, storeys=storeys)
+        n = self.n_floors
+        storeys = map(with_weight, self.storeys[:n], gravity * above, self.heights)
+        return dataclasses.replace(self, storeys=(*storeys, *self.storeys[n:]))
 
     @property
     def n_floors(self) -> int:
         """Number of floors and of storeys."""
-        return len(self.storeys)
+        return len(self.storeys) - self.n_tuned
 
     @property
     def elevations(self) -> np.ndarray:
         """Height of each floor above the ground, m, shape (n_floors,)."""
-        return np.cumsum(self.heights)
+        return np.cumsum(self.heights)[: self.n_floors]
 
     @property
     def natural_period(self) -> float:
-        """Equivalent natural period of the first mode, s."""
+        """Equivalent natural period of the first mode, in steady vibration, s."""
         return 2 * np.pi / first_frequency(in_units(self, 1.0, 1.0, 1.0))
 
     def modes(self) -> Modes:
@@ -318,11 +326,12 @@ def in_units(
     storeys = storeys_of(building)
     numbers = [(s.material(frequency, length), s.stiffness / stiffness) for s in storeys]
     rods = (unchecked(Rod, material=law, stiffness=k, ends=None) for law, k in numbers)
-    return Storeys(tuple(s.mass / mass for s in storeys), tuple(rods))
+    n_tuned = getattr(building, "n_tuned", 0)
+    return Storeys(tuple(s.mass / mass for s in storeys), tuple(rods), n_tuned)
 
 
 def storeys_of(building: Building | ShearBuilding) -> tuple[Building, ...]:
-    """The storeys of a building; a ``Building`` is its only storey."""
+    """The storeys of a building, tuned masses too; a ``Building`` is its only storey."""
     return (building,) if isinstance(building, Building) else building.storeys
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import jax
 
+from jaxpound._checks import is_whole
 from jaxpound._errors import InvalidInput
-from jaxpound._fields import check, like, parameter, part, pytree_dataclass, unchecked
+from jaxpound._fields import check, like, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import Link, Rod, System, as_tuple
@@ -92,6 +93,8 @@ class Storeys:
     rods
         The rod of each storey, below the floor of the same number, its stiffness in units of
         m1 ω1²; or one rod for all. Their ``ends`` may be left out.
+    n_tuned
+        How many of the last are tuned masses, which are no floors, on their rods; none by default.
 
     Examples
     --------
@@ -103,12 +106,13 @@ class Storeys:
 
     masses: tuple[Any, ...] = like(System, "masses")
     rods: tuple[Rod, ...] = like(System, "rods")
+    n_tuned: int = static(default=0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "masses", as_tuple("Storeys", "masses", self.masses))
         rods: Any = self.rods
         if isinstance(rods, Rod):
-            rods = (rods,) * self.n_floors
+            rods = (rods,) * len(self.masses)
         elif not isinstance(rods, tuple | list):
             name = f"rods of type {type(rods).__name__}"
             raise InvalidInput("Storeys", name, "", "must be a Rod, or a tuple of them")
@@ -116,8 +120,11 @@ class Storeys:
         check(self)
         if not self.masses:
             raise InvalidInput("Storeys", "masses", "()", "must hold at least one floor")
-        if len(rods) != self.n_floors:
-            rule = f"must be one for each of the {self.n_floors} masses: storey i carries floor i"
+        require_tuned("Storeys", self.n_tuned, len(self.masses))
+        if len(rods) != len(self.masses):
+            rule = (
+                f"must be one for each of the {len(self.masses)} masses: storey i carries floor i"
+            )
             raise InvalidInput("Storeys", f"rods, {len(rods)} of them,", "", rule)
         for i, rod in enumerate(rods):
             if rod.ends not in (None, storey_ends(i)):
@@ -127,16 +134,24 @@ class Storeys:
     @property
     def n_floors(self) -> int:
         """Number of floors and of storeys."""
-        return len(self.masses)
+        return len(self.masses) - self.n_tuned
 
     def system(self) -> System:
         """The building alone, without links."""
-        return unchecked(System, masses=self.masses, rods=self.rods_from(0), links=())
+        tuned = tuple(range(self.n_floors, len(self.masses)))
+        return unchecked(System, masses=self.masses, rods=self.rods_from(0), links=(), tuned=tuned)
 
     def rods_from(self, first: int) -> tuple[Rod, ...]:
         """The rods with their ends in a system where the lowest floor is the mass ``first``."""
         fields = [{"material": rod.material, "stiffness": rod.stiffness} for rod in self.rods]
         return tuple(unchecked(Rod, **x, ends=storey_ends(i, first)) for i, x in enumerate(fields))
+
+
+def require_tuned(owner: str, n_tuned: Any, n: int) -> None:
+    """An ``InvalidInput`` unless a floor is left below the tuned masses."""
+    if not (is_whole(n_tuned) and 0 <= n_tuned < n):
+        rule = f"must be a whole number from 0 to {n - 1}: the last of {n} masses are tuned masses"
+        raise InvalidInput(owner, "n_tuned", repr(n_tuned), rule)
 
 
 def storey_ends(storey: int, first: int = 0) -> Ends:

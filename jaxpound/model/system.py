@@ -186,6 +186,8 @@ class System:
         The links. They may not close a ring: the friction forces of a ring in stick are not
         determined. A link without friction may have the opposite ends of one before it, whose
         other face it is; ``gap=(left, right)`` of a ``Link`` makes both. Their dampers become rods.
+    tuned
+        The masses that are tuned masses, by number: no floors of a building, but what stands on it.
 
     Examples
     --------
@@ -204,6 +206,7 @@ class System:
     masses: tuple[Any, ...] = parameter("m", "mass", "mass", above=0, each=True)
     rods: tuple[Rod, ...] = part(Rod, each=True)
     links: tuple[Link, ...] = part(Link, each=True, default=())
+    tuned: tuple[int, ...] = static(default=())
 
     def __post_init__(self) -> None:
         for name in ("masses", "rods", "links"):
@@ -246,7 +249,8 @@ class System:
     def topology(self) -> Topology:
         """Number of masses, and the ends of rods and links."""
         rods = tuple(rod.ends for rod in self.rods if rod.ends is not None)
-        return Topology(len(self.masses), rods, tuple(link.ends for link in self.links))
+        links = tuple(link.ends for link in self.links)
+        return Topology(len(self.masses), rods, links, self.tuned)
 
 
 def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:

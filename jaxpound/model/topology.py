@@ -20,6 +20,13 @@ class Topology(NamedTuple):
     n_masses: int
     rods: tuple[Ends, ...]
     links: tuple[Ends, ...]
+    tuned: tuple[int, ...] = ()
+    """Tuned masses, which stand on a building and are no floors."""
+
+    @property
+    def floor_masses(self) -> list[int]:
+        """All masses but tuned ones."""
+        return [mass for mass in range(self.n_masses) if mass not in self.tuned]
 
     def loads(self, forces: Sequence[Any]) -> list[Any]:
         """The loads of the rods' forces on all masses."""
@@ -58,18 +65,35 @@ def is_storey(ends: Ends) -> bool:
 
 @cache
 def storey_rods(topology: Topology) -> tuple[int, ...]:
-    """The rods that are storeys: not those between masses that rods before tie to the ground."""
-    return tuple(_joined(topology.n_masses, topology.rods)[1])
+    """The rods that are storeys: not those between masses that rods before tie to the ground.
+
+    Nor are those of tuned masses.
+    """
+    tree = _joined(topology.n_masses, topology.rods)[1]
+    return tuple(r for r in tree if not {*topology.rods[r]} & {*topology.tuned})
 
 
 @cache
 def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """The floors of each building, from the ground up: each a mass and the rod of its storey.
+    """The floors of each building, from the ground up: each a mass and the rod of its storey."""
+    of_all, tuned = stacks(topology), {*topology.tuned}
+    return tuple(tuple(pair for pair in pairs if pair[0] not in tuned) for pairs in of_all)
+
+
+def tuned_masses(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
+    """The tuned masses on each building, each with its rod."""
+    of_all, tuned = stacks(topology), {*topology.tuned}
+    return tuple(tuple(pair for pair in pairs if pair[0] in tuned) for pairs in of_all)
+
+
+@cache
+def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
+    """``floors`` of each building, and above them its ``tuned_masses``.
 
     An ``InvalidInput`` for masses that are no floors one above the other.
     """
     beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
-    for rod in storey_rods(topology):
+    for rod in _joined(topology.n_masses, topology.rods)[1]:
         i, j = topology.rods[rod]
         beside[i].append((j, rod))
         beside[j].append((i, rod))

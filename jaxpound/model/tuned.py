@@ -25,7 +25,10 @@ def tuned_mass_damper(
     frequency_ratio: Any = None,
     damping_ratio: Any = None,
 ) -> ShearBuilding:
-    """A building with a tuned mass on a spring and a dashpot on its roof, as its top storey.
+    """A building with a tuned mass on a spring and a dashpot on its roof.
+
+    Spring and dashpot are a rod of ``order=1`` with τ_f ω = 0.01 (``Building.from_period``), which
+    is no pure dashpot: modes whose damping ratios would be equal differ by about a tenth.
 
     Parameters
     ----------
@@ -45,7 +48,7 @@ def tuned_mass_damper(
     >>> frame = jp.ShearBuilding.from_period(4, 300e3, period=0.5, damping_ratio=0.02)
     >>> tuned = jp.tuned_mass_damper(frame, mass_ratio=0.05)
     >>> tuned.n_floors, [round(float(x), 3) for x in tuned.modes().periods[:2]]
-    (5, [0.565, 0.466])
+    (4, [0.565, 0.466])
     """
     owner = "tuned_mass_damper"
     (ratio,) = positive(owner, mass_ratio=mass_ratio)
@@ -65,7 +68,7 @@ def tuned_inerter_damper(
 ) -> tuple[ShearBuilding, tuple[FloorLink]]:
     """A building with a tuned inerter on its roof, and the link that is its inerter.
 
-    A spring and a dashpot lead from the roof to a small mass, the top storey, and an inerter from
+    A spring and a dashpot lead from the roof to a small mass, a tuned mass, and an inerter from
     there to a floor below (Lazar, Neild and Wagg 2014). With a larger mass it is the tuned mass
     damper inerter of Marian and Giaralis (2014).
 
@@ -101,7 +104,7 @@ def tuned_inerter_damper(
     owner = "tuned_inerter_damper"
     (ratio,) = positive(owner, inertance_ratio=inertance_ratio)
     mode = _FirstMode.of(owner, building)
-    roof = mode.frame.n_floors - 1
+    roof = len(mode.frame.storeys) - 1
     if not (is_whole(floor) and GROUND <= floor < roof):
         below = f"a floor below the roof, from 0 to {roof - 1}, or GROUND" if roof else "GROUND"
         raise InvalidInput(owner, "floor", repr(floor), f"must be {below}")
@@ -134,12 +137,12 @@ class _FirstMode:
         modes = frame.modes()
         shape = (modes.shapes[:, 0] / modes.shapes[-1, 0]).real
         mass = sum(storey.mass * shape[i] ** 2 for i, storey in enumerate(frame.storeys))
-        return _FirstMode(frame, shape, mass, modes.periods[0])
+        return _FirstMode(frame, shape, mass, frame.natural_period)
 
     def tuned(
         self, owner: str, ratio: Any, mass: Any, inertance: Any, frequency: Any, damping: Any
     ) -> ShearBuilding:
-        """The building with a mass that, with an inertance, is tuned, as its top storey."""
+        """The building with a mass that, with an inertance, is tuned."""
         tuning = 1 / (1 + ratio) if frequency is None else frequency
         damping = jnp.sqrt(3 * ratio / (8 * (1 + ratio))) if damping is None else damping
         tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
@@ -148,5 +151,5 @@ class _FirstMode:
             both = Building.from_period(mass + inertance, self.period / tuning, damping, order=1.0)
             top = dataclasses.replace(both, mass=mass)
         storeys, heights = self.frame.storeys, self.frame.heights
-        # Half a storey above the roof it is at no height of a neighbour's floor.
-        return ShearBuilding((*storeys, top), (*heights, heights[-1] / 2))
+        n_tuned = self.frame.n_tuned + 1
+        return ShearBuilding((*storeys, top), (*heights, heights[-1] / 2), n_tuned)

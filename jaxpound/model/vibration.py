@@ -17,7 +17,8 @@ from jaxpound.model.system import Structures, gravity_of
 from jaxpound.model.topology import elongation
 from jaxpound.quantities import unit
 
-_ITERATIONS = 50
+_ITERATIONS = 30
+_STEPS = 8  # from no damping to that of the rods
 _NONE = complex("nan+nanj")
 
 
@@ -29,28 +30,37 @@ class Modes(Shown):
 
     Frequencies of dimensionless structures are in ω1, those of structures in SI in rad/s.
 
-    The steady vibration at a real frequency ω has the complex stiffness K*(iω). Mode j is where a
-    complex eigenvalue of it, K*(iω_j) φ = λ M φ, has the real part ω_j²; its damping ratio is
-    Im λ / (2 Re λ), half the loss factor. For one mass on one rod these are
-    ``ZenerRod.natural_frequency`` and ``damping_ratio``, and for Kelvin–Voigt rods in proportion to
-    the masses or stiffnesses the ω and ζ of modal analysis. Free vibrations φ e^(st) have the
-    ``eigenvalues`` s, whose |s| and −Re s / |s| agree with them to the square of the damping ratio.
+    Mode j is a free vibration φ e^(st), of the damped structures: s² M φ + K*(s) φ = 0 with the
+    rods' complex stiffness K*(s) on the principal branch. Its natural frequency is |s| and its
+    damping ratio −Re s / |s|, for Kelvin–Voigt rods in proportion to the masses or stiffnesses the
+    ω and ζ of modal analysis. The *steady* vibration at a real frequency, by which
+    ``Building.from_period`` and ``natural_period`` define period and damping ratio, agrees with it
+    to the square of the damping ratio if no other mode is close.
+
+    A mode that is ``overdamped`` creeps back to rest; its frequency, damping ratio and shape are
+    those of the steady vibration: where an eigenvalue λ of K*(iω) φ = λ M φ has the real part ω²,
+    the damping ratio is Im λ / (2 Re λ).
     """
 
     frequencies: np.ndarray
-    """Natural frequencies ω_j, shape (n,)."""
+    """Natural frequencies ω_j = |s|, shape (n,)."""
     damping_ratios: np.ndarray
-    """Equivalent viscous damping ratios, shape (n,)."""
+    """Damping ratios −Re s / |s|, shape (n,)."""
     shapes: np.ndarray
     """Complex shapes φ: of mode j ``shapes[:, j]``, shape (n, n), with its largest entry 1."""
     eigenvalues: np.ndarray
-    """s of the free vibration of each mode, s² M φ + K*(s) φ = 0 with Im s > 0, shape (n,).
-
-    NaN for a mode that is damped about critically or more."""
+    """s of each mode, Im s > 0, shape (n,); NaN of one that is damped about critically or more."""
     participation: np.ndarray
-    """Effective modal mass of each mode over the whole mass, of the real parts of the shapes."""
+    """Effective modal mass over the whole mass, shape (n,), of the undamped mode that becomes mode
+    j as damping grows; its rods have their storage moduli at the first natural frequency. They add
+    up to 1, but for the inertia that inerters lead to the ground."""
     si: bool = False
     """Whether frequencies are in rad/s, not in ω1."""
+
+    @property
+    def overdamped(self) -> np.ndarray:
+        """Whether each mode creeps back to rest without a vibration, shape (n,)."""
+        return np.isnan(self.eigenvalues)
 
     @property
     def periods(self) -> np.ndarray:
@@ -59,7 +69,8 @@ class Modes(Shown):
 
     def _tables(self) -> list[TextTable]:
         columns = self.frequencies, self.periods, self.damping_ratios, self.participation
-        rows = [(f"{j}", *numbers) for j, numbers in enumerate(zip(*columns, strict=True), 1)]
+        names = [f"{j}{', overdamped' * x}" for j, x in enumerate(self.overdamped.tolist(), 1)]
+        rows = [*zip(names, *columns, strict=True)]
         frequency, period = "rad/s" if self.si else "ω1", unit("time", self.si)
         times = f"frequency ({frequency})", f"period ({period})"
         heading = ("mode", *times, "damping ratio", "share of mass")
@@ -86,24 +97,26 @@ def modes(structures: Structures) -> Modes:
     [0.618034, 1.618034]
     """
     linear = _Linear("modes", structures)
-    steady_modes = [linear.steady(j) for j in range(linear.n)]
-    steady_modes.sort(key=lambda mode: mode[0])
-    omega, values, vectors = (np.array(x) for x in zip(*steady_modes, strict=True))
-    shapes = vectors.T / vectors.T[np.abs(vectors).argmax(1), np.arange(linear.n)]
-    real = shapes.real
-    effective = (linear.masses @ real) ** 2 / np.einsum("ij,ik,kj->j", real, linear.inertia, real)
+    undamped = linear.stiffness(1j * linear.steady(0)[0])[0].real
+    squares, vectors = np.linalg.eigh(undamped)
+    eigenvalues = linear.free(vectors, 1j * np.sqrt(squares))
+    vibrations = [linear.vibration(j, eigenvalues) for j in range(linear.n)]
+    frequencies, damping, shapes = (np.array(x) for x in zip(*vibrations, strict=True))
+    shares = (linear.masses @ linear.unscaled(vectors)) ** 2 / linear.masses.sum()
+    order = np.argsort(frequencies, kind="stable")
+    largest = shapes[np.arange(linear.n), np.abs(shapes).argmax(1)]
     return Modes(
-        frequencies=omega,
-        damping_ratios=values.imag / values.real / 2,
-        shapes=shapes,
-        eigenvalues=np.array([linear.free(*mode) for mode in steady_modes]),
-        participation=effective / linear.masses.sum(),
+        frequencies=frequencies[order],
+        damping_ratios=damping[order],
+        shapes=(shapes.T / largest)[:, order],
+        eigenvalues=eigenvalues[order],
+        participation=shares[order],
         si=gravity_of(structures) is not None,
     )
 
 
 def first_frequency(structures: Structures) -> float:
-    """Natural frequency of the first mode, as in ``modes``."""
+    """Frequency of the steady vibration of the first mode (``Modes``)."""
     return _Linear("first_frequency", structures).steady(0)[0]
 
 
@@ -129,7 +142,7 @@ class _Linear:
             if link.inerter is not None:
                 influence = elongation(link.ends, unit_motions)
                 inertia += float(link.inerter.inertance) * np.outer(influence, influence)
-        self.inertia, self._root = inertia, np.linalg.cholesky(inertia)
+        self._root = np.linalg.cholesky(inertia)
         self._rods: list[tuple[Any, Any]] = []
         for ends, rod in zip(system.topology.rods, system.rods, strict=True):
             influence = np.linalg.solve(self._root, elongation(ends, unit_motions))
@@ -138,6 +151,10 @@ class _Linear:
             law = before_yield(rod.material)
             numbers = [float(x) for x in (rod.stiffness, law.order, law.tau_f, law.tau_x)]
             self._rods.append((np.outer(influence, influence), numbers))
+
+    def unscaled(self, vectors: np.ndarray) -> np.ndarray:
+        """Displacements of vectors for which the mass matrix is 1."""
+        return np.linalg.solve(self._root.T, vectors)
 
     def stiffness(self, s: complex) -> tuple[np.ndarray, np.ndarray]:
         """K*(s) and its derivative by s."""
@@ -169,29 +186,59 @@ class _Linear:
         omega = float(np.exp(low if low == high else brentq(excess, low, high, xtol=1e-14)))
         values, vectors = np.linalg.eig(self.stiffness(1j * omega)[0])
         k = int(np.argsort(values.real)[j])
-        return omega, complex(values[k]), np.linalg.solve(self._root.T, vectors[:, k])
+        return omega, complex(values[k]), self.unscaled(vectors[:, k])
 
-    def free(self, omega: float, value: complex, shape: np.ndarray) -> complex:
-        """Exponent s of the free vibration that belongs to a steady one, by inverse iteration.
+    def free(self, vectors: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """Exponents s of the free vibrations, followed from those of undamped modes.
 
-        With T(s) = s² + K*(s) and T(s) y = T'(s) u, the step of s is −1/(w y) where w u = 1. NaN if
-        it does not converge to a vibration: overdamped motions creep.
+        First each mode vibrates alone, then damping couples them more and more. NaN if a path ends
+        without a vibration: overdamped motions creep.
         """
-        s, u = 1j * omega * np.sqrt(value / value.real), self._root.T @ shape
-        for _ in range(_ITERATIONS):
-            w = u.conj() / np.vdot(u, u)
-            stiffness, slope = self.stiffness(s)
-            matrix = stiffness + s**2 * np.eye(self.n)
-            try:
-                y = np.linalg.solve(matrix, 2 * s * u + slope @ u)
-            except np.linalg.LinAlgError:  # s is exact to the last digit
-                break
-            size = w @ y
-            if not np.isfinite(size) or size == 0:
-                return _NONE
-            s, u = s - 1 / size, y / size
-            if abs(1 / size) <= 1e-12 * abs(s):
-                break
-        else:
-            return _NONE
-        return complex(s) if s.imag > 1e-6 * abs(s) else _NONE
+        alone = starts
+        for _ in range(_ITERATIONS):  # which keeps to the left of the imaginary axis and above 0
+            stiffnesses = [self.stiffness(x)[0] for x in alone]
+            alone = 1j * np.sqrt(np.einsum("ij,jik,kj->j", vectors, stiffnesses, vectors))
+        s = np.where(alone.imag > 1e-6 * abs(alone), alone, starts)
+        vibrates = np.ones(self.n, bool)
+        for share in np.linspace(0, 1, _STEPS + 1)[1:]:
+            start, steps = s, s
+            for _ in range(_ITERATIONS):
+                active = abs(steps) > 1e-9 * abs(s)
+                moved = [self._step(j, s, share, vectors) for j in np.flatnonzero(active).tolist()]
+                steps = np.where(active, 0, steps)
+                steps[active] = moved
+                s = s - np.where(active, steps, 0)
+            vibrates = (abs(steps) <= 1e-6 * abs(s)) & (abs(s.imag) > 1e-6 * abs(s))
+            s = np.where(vibrates, s.real + 1j * abs(s.imag), start)
+        return np.where(vibrates, s, _NONE)
+
+    def _step(self, j: int, roots: np.ndarray, share: float, vectors: np.ndarray) -> complex:
+        """Newton's step to root j of det (s² + K*(s)), where modes are coupled by a share of K*.
+
+        The determinant is over the product of s − x for all other roots, so that no two paths meet
+        (Aberth 1973); those that start as one are a multiple root.
+        """
+        s, others, shared = roots[j], np.delete(roots, j), np.full((self.n, self.n), share)
+        np.fill_diagonal(shared, 1)
+        stiffness, slope = (shared * (vectors.T @ x @ vectors) for x in self.stiffness(s))
+        matrix, slope = stiffness + s**2 * np.eye(self.n), slope + 2 * s * np.eye(self.n)
+        try:
+            ratio = np.linalg.solve(matrix, slope)
+        except np.linalg.LinAlgError:  # s is exact to the last digit
+            return 0.0
+        away = s - np.concatenate([others, roots.conj()])
+        equal = abs(away) <= 1e-6 * abs(s)
+        return (1 + equal.sum()) / (np.trace(ratio) - np.sum(1 / away[~equal]))
+
+    def vibration(self, j: int, eigenvalues: np.ndarray) -> tuple[float, float, np.ndarray]:
+        """Frequency, damping ratio and shape of mode j; of an overdamped one as it is steady."""
+        s = eigenvalues[j]
+        if np.isnan(s):
+            omega, value, shape = self.steady(j)
+            return omega, value.imag / value.real / 2, shape
+        matrix = self.stiffness(s)[0] + s**2 * np.eye(self.n)
+        _, sizes, vectors = np.linalg.svd(matrix)
+        equal = np.sum(abs(eigenvalues[:j] - s) <= 1e-6 * abs(s))  # modes before it
+        independent = max(1, np.sum(sizes <= 1e-6 * sizes[0]))
+        shape = vectors[-1 - min(equal, independent - 1)].conj()
+        return abs(s), -s.real / abs(s), self.unscaled(shape)

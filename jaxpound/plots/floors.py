@@ -25,7 +25,7 @@ from jaxpound.model.shear_building import ShearBuilding, in_units
 from jaxpound.model.structures import Storeys
 from jaxpound.model.vibration import modes
 from jaxpound.plots import style as house
-from jaxpound.plots.rows import floor_heights, heights_above_ground
+from jaxpound.plots.rows import floor_heights, heights_above_ground, stack_heights
 from jaxpound.plots.style import in_house_style, label, new_axes, unit_for
 from jaxpound.results.floors import FloorDemands
 
@@ -188,7 +188,8 @@ def mode_shapes(
     r"""The first mode shapes of each building over its height, with periods and damping ratios.
 
     Shapes are the real parts of ``modes``, with the largest entry 1 and the top floor to the right.
-    Of several buildings, each has its colour, each mode a line style; links are left out.
+    The point of a tuned mass stands alone, above the roof. Of several buildings, each has its
+    colour, each mode a line style; links are left out.
 
     ``structures`` are a building, dimensionless or in SI, or ``Buildings``; drawn are the first
     ``n`` modes of each, at least 1, from the slowest on; of fewer floors all.
@@ -200,7 +201,7 @@ def mode_shapes(
     >>> from jaxpound.plots import mode_shapes
     >>> building = jp.ShearBuilding.from_period(5, 300e3, period=0.6, damping_ratio=0.05)
     >>> print(mode_shapes(building, n=2).get_legend().get_texts()[0].get_text())
-    mode 1: $T$ = 0.6 s, $\zeta$ = 5 %
+    mode 1: $T$ = 0.599 s, $\zeta$ = 5.1 %
     """
     instance("mode_shapes", "structures", structures, Storeys, ShearBuilding, Buildings)
     n = count("mode_shapes", "n", n)
@@ -211,13 +212,15 @@ def mode_shapes(
     unit, tallest = unit_for("time", si, 0.0)[1], np.zeros(1)
     for b, building in enumerate(buildings):
         storeys = building if isinstance(building, Storeys) else in_units(building, 1.0, 1.0, 1.0)
-        vibration, heights = modes(storeys), np.arange(1.0, storeys.n_floors + 1)
-        if in_metres and isinstance(building, ShearBuilding):
-            heights = building.elevations
+        vibration, top = modes(storeys), storeys.n_floors
+        in_m = [building.elevations] if in_metres and isinstance(building, ShearBuilding) else None
+        (heights,) = stack_heights("mode_shapes", storeys.system().topology, in_m)
         tallest = max(tallest, heights, key=lambda floors: floors[-1])
-        for j in range(min(n, storeys.n_floors)):
+        for j in range(min(n, heights.size)):
             shape = vibration.shapes[:, j].real
-            x, y = np.append(0.0, shape * np.sign(shape[-1])), np.append(0.0, heights)
+            x, y = np.append(0.0, shape * np.sign(shape[top - 1])), np.append(0.0, heights)
+            if storeys.n_tuned:  # whose points stand alone
+                x, y = np.insert(x, top + 1, np.nan), np.insert(y, top + 1, np.nan)
             period, damping = vibration.periods[j], 100 * vibration.damping_ratios[j]
             words = rf"mode {j + 1}: $T$ = {period:.3g} {unit}, $\zeta$ = {damping:.2g} %"
             line: dict[str, Any] = {"color": house.CYCLE[j % len(house.CYCLE)]}

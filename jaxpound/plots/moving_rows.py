@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from jaxpound.model.places import homes
-from jaxpound.model.topology import GROUND, elongation
-from jaxpound.plots.curves import buildings_of
-from jaxpound.plots.rows import floor_heights
+from jaxpound.model.topology import GROUND, elongation, stacks
+from jaxpound.plots.rows import stack_heights
 from jaxpound.plots.style import COLOURS, arrow, building_colour, in_house_style
 from jaxpound.results.response import Response
 
@@ -44,8 +43,8 @@ class Scene:
         elevations: Sequence[Any] | None = None,
         owner: str = "",
     ) -> None:
-        buildings = buildings_of(response)
-        heights = floor_heights(owner, [len(building) for building in buildings], elevations)
+        buildings, tuned = stacks(response.topology), response.topology.tuned
+        heights = stack_heights(owner, response.topology, elevations)
         reach = largest_displacement(response) if reach is None else reach
         building_of = {mass: b - 1 for mass, (b, _) in homes(response.topology).items()}
         self._time = np.asarray(response.time)
@@ -81,8 +80,9 @@ class Scene:
             below = None
             for (mass, rod), height in zip(building, ups, strict=True):
                 x = np.asarray(response.masses[mass].x)
-                corner = float(left_ends[b]), scale * float(height) - slab
-                below = _Floor(ax, x, corner, (w, slab), building_colour(b), below)
+                share = 0.8 if mass in tuned else 1.0
+                corner = left_ends[b] + (1 - share) / 2 * w, scale * float(height) - slab
+                below = _Floor(ax, x, corner, (share * w, slab), building_colour(b), below)
                 self._floors[mass] = below
                 below.first_yield_time = response.demand.rods[rod].first_yield_time
         for left, rest, ends in between:

@@ -17,14 +17,14 @@ from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.system import Link, Rod, Structures
-from jaxpound.model.topology import GROUND, floors, storey_rods
+from jaxpound.model.topology import GROUND, Topology, floors, stacks
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
 from jaxpound.units import Scales, scales_for
 
 Lines = list[tuple[str, str]]  # words and their colours
 Damper = tuple[int, Rod] | None  # of a link: its number among the rods, and itself
-Storey = tuple[float, str, Lines]  # height of a floor, the words in it and the lines below it
+Storey = tuple[float, str, Lines, float]  # height, words, lines below, share of the width
 Place = tuple[float, float, float]  # left end and height of a floor, and of the ground below it
 
 _WIDTH, _LINKED, _UNLINKED = 3.0, 2.6, 0.8  # of a building, of a space with links, without
@@ -53,7 +53,8 @@ def row(
     in SI units of ``Buildings`` or if ``scales`` are given, else dimensionless. Dampers are green,
     also braces within a building and dampers to the ground; pads are orange where contact has a
     law; an arrow is a gap, to a wall where the other end is the ground. Bearings, a first storey of
-    less than half of the height of another, and walls as low as these stand in a pit.
+    less than half of the height of another, and walls as low as these stand in a pit. Tuned masses
+    are narrower.
 
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
@@ -74,8 +75,8 @@ def row(
     system = structures.system()
     if not is_known_and_single(system):
         raise InvalidInput("row", "structures", "", "must be known and one row, not a batch")
-    buildings = floors(system.topology)
-    heights = floor_heights("row", [len(building) for building in buildings], elevations)
+    buildings = stacks(system.topology)
+    heights = stack_heights("row", system.topology, elevations)
     building_of = {mass: b for b, building in enumerate(buildings) for mass, _ in building}
     linked = [{building_of.get(end) for end in link.ends} for link in system.links]
     walls = {(building_of[max(x.ends)], x.ends[1] == GROUND) for x in system.links if _has_wall(x)}
@@ -91,7 +92,7 @@ def row(
     storey = min(float(x[int(x[0] < most / 2) :].min(initial=most)) for x in rises)
     feet = [float(ups[0]) - storey if ups[0] < storey / 2 else 0.0 for ups in heights]
     write = partial(_written, scales)
-    storeys, ends = storey_rods(system.topology), system.topology.rods
+    storeys, ends = {rod for x in buildings for _, rod in x}, system.topology.rods
     beside = {frozenset(ends[r]): (r, x) for r, x in enumerate(system.rods) if r not in storeys}
     links = [(link, beside.pop(frozenset(link.ends), None)) for link in system.links]
     numbers = [_numbers(k, *link, write) for k, link in enumerate(links)]
@@ -116,7 +117,8 @@ def row(
         for (mass, rod), up in zip(building, ups.tolist(), strict=True):
             in_floor = f"$m_{{{mass + 1}}}$ = {write('mass', system.masses[mass])}"
             words = f"$K_{{{rod + 1}}}$ = {write('stiffness', system.rods[rod].stiffness)}"
-            with_words.append((up, in_floor, [(words, colour), *inside.get(mass, [])]))
+            share = 0.8 if mass in system.tuned else 1.0
+            with_words.append((up, in_floor, [(words, colour), *inside.get(mass, [])], share))
             places[mass] = left, up, feet[b]
         _building(ax, left, feet[b], slab, colour, with_words)
         text_at(ax, left + _WIDTH / 2, min(feet) - 0.65 * storey, f"building {b + 1}", colour)
@@ -146,6 +148,16 @@ def floor_heights(owner: str, n_floors: Sequence[int], elevations: Any) -> list[
     ]
 
 
+def stack_heights(owner: str, topology: Topology, elevations: Any) -> list[np.ndarray]:
+    """``floor_heights``, and of tuned masses, each half a storey above what it stands on."""
+    buildings = floors(topology)
+    heights = floor_heights(owner, [len(building) for building in buildings], elevations)
+    more = [len(x) - len(building) for x, building in zip(stacks(topology), buildings, strict=True)]
+    rises = [np.diff(ups, prepend=0.0)[-1] / 2 for ups in heights]
+    by_building = zip(heights, rises, more, strict=True)
+    return [np.append(ups, ups[-1] + rise * np.arange(1, n + 1)) for ups, rise, n in by_building]
+
+
 def heights_above_ground(owner: str, name: str, elevations: Any, n: int) -> np.ndarray:
     """The heights of a building's n floors, as numbers."""
     heights = np.asarray(real(owner, name, elevations), float)
@@ -171,12 +183,13 @@ def _ground(
 
 def _building(ax: Axes, left: float, below: float, slab: float, colour: str, storeys: Any) -> None:
     """Storeys from the ground below them on."""
-    middle, columns = left + _WIDTH / 2, left + np.array([0.1, 0.9]) * _WIDTH
+    middle = left + _WIDTH / 2
     style: Any = {"edgecolor": colour, "facecolor": (colour, 0.25), "linewidth": 1.0}
-    for up, in_floor, lines in storeys:
-        under = up - slab / 2
+    for up, in_floor, lines, share in storeys:
+        under, columns = up - slab / 2, middle + np.array([-0.4, 0.4]) * share * _WIDTH
         ax.plot([columns, columns], [below, under], color=colour, linewidth=2.2)
-        ax.add_patch(Rectangle((left, under), _WIDTH, slab, **style))
+        corner = middle - share * _WIDTH / 2, under
+        ax.add_patch(Rectangle(corner, share * _WIDTH, slab, **style))
         text_at(ax, middle, up, in_floor, colour)
         for i, (text, of_text) in enumerate(lines):
             at = below + (under - below) * (1 - (i + 0.5) / len(lines))

@@ -15,10 +15,10 @@ from jaxtyping import Array, Float
 
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import System, is_closable
-from jaxpound.model.topology import elongation
+from jaxpound.model.topology import elongation, storey_rods
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import place_of
-from jaxpound.results.named import OF_CONTACTS, REQUIRED_GAP
+from jaxpound.results.named import OF_CONTACTS, OF_FLOORS, REQUIRED_GAP
 from jaxpound.simulation.rollout import ACCELERATIONS, POSITIONS, ROD_FORCES
 
 _PERIOD = 2 * np.pi  # of structure 1, in 1/ω1
@@ -71,7 +71,8 @@ def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]
     def elements(group: str, n_all: int) -> Iterable[int]:
         """Numbers of the elements that the demand is of."""
         alone = place is not None and place.group == group and demand not in OF_CONTACTS
-        return [place.element] if place is not None and alone else range(n_all)
+        of_floors = zip(OF_FLOORS, (storey_rods(topology), topology.floor_masses), strict=True)
+        return [place.element] if alone and place else dict(of_floors).get(demand, range(n_all))
 
     by_impacts = is_by_impacts(system, demand)
     if demand == REQUIRED_GAP or by_impacts:

@@ -13,9 +13,9 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.building import Building
-from jaxpound.model.shear_building import ShearBuilding, storeys_of
+from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.system import Structures, as_tuple, gravity_of
-from jaxpound.model.topology import Topology, floors, is_storey
+from jaxpound.model.topology import Topology, floors, is_storey, tuned_masses
 from jaxpound.quantities import unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import are_concrete, sizes_of
@@ -47,6 +47,9 @@ class FloorDemands(Shown):
     ductility: Any = None
     """Ductility of the storey below each floor, 0 of one without a law of hysteresis; None if no
     storey has one."""
+    stroke: Any = None
+    """Largest stroke of each tuned mass on what it stands on, shape (..., n_tuned); None without
+    one: it is no floor."""
     si: bool = static(default=False)
     """Whether the numbers are SI."""
     heights: tuple[float, ...] = static(default=())
@@ -77,6 +80,9 @@ class FloorDemands(Shown):
             columns["drift ratio (%)"] = 100 * self.drift_ratio
         if self.ductility is not None:
             columns["ductility"] = self.ductility
+        if self.stroke is not None:
+            strokes = ", ".join(f"{float(x):.4g}" for x in self.stroke)
+            title += f"; tuned mass: stroke {strokes} {unit('length', self.si)}"
         from_below = enumerate(zip(*columns.values(), strict=True), 1)
         rows: list[Any] = [(str(floor), *map(float, x)) for floor, x in from_below]
         return [TextTable(title, ("floor", *columns), rows[::-1], digits=4)]
@@ -130,10 +136,11 @@ def floor_demands(
         buildings = as_tuple("floor_demands", "buildings", buildings)
         for b, building in enumerate(buildings):
             instance("floor_demands", f"buildings.{b}", building, ShearBuilding, Building)
-        if [len(storeys_of(building)) for building in buildings] != n_floors:
+        if [getattr(building, "n_floors", 1) for building in buildings] != n_floors:
             rule = f"must be those of the structures, of {n_floors} floors"
             raise InvalidInput("floor_demands", "buildings", "", rule)
-        heights = [getattr(building, "heights", ()) for building in buildings]
+        of_all = zip(buildings, n_floors, strict=True)
+        heights = [getattr(building, "heights", ())[:n] for building, n in of_all]
     return tuple(_of_building(b, topology, found, each) for b, each in enumerate(heights))
 
 
@@ -156,6 +163,7 @@ def _of_building(
     displacements = [demand.masses[m].peak_x for m in masses]
     ductilities = [demand.rods[r].ductility for r in rods]
     yields = ductilities.count(None) < len(rods)
+    strokes = [demand.rods[r].peak_drift for _, r in tuned_masses(topology)[number]]
     return FloorDemands(
         building=number,
         masses=masses,
@@ -166,6 +174,7 @@ def _of_building(
         contact_left=contact(1),
         contact_right=contact(0),
         ductility=stacked([0.0 if x is None else x for x in ductilities]) if yields else None,
+        stroke=stacked(strokes) if strokes else None,
         si=demand.si,
         heights=heights,
     )

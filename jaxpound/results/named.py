@@ -190,7 +190,7 @@ def _over_all(system: System) -> dict[str, list[tuple[str, int, str]]]:
             for r in storey_rods(topology)
             for ends in [topology.rods[r]]
         ]
-        members[acceleration] = [("masses", i, acceleration) for i in range(topology.n_masses)]
+        members[acceleration] = [("masses", i, acceleration) for i in topology.floor_masses]
     if rods := [*itertools.compress(itertools.count(), has["yielding"])]:
         members |= {name: [("rods", r, name) for r in rods] for name in OF_YIELDING}
     links = [*itertools.compress(itertools.count(), has["contact"])]

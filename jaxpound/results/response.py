@@ -154,7 +154,8 @@ class Response(ByElement, Columnar, Shown):
     def topology(self) -> Topology:
         """Number of masses, and the ends of rods and links."""
         rods = tuple(rod.ends for rod in self.rods)
-        return Topology(len(self.masses), rods, tuple(link.ends for link in self.links))
+        tuned = self.demand.topology.tuned if self.demand.topology else ()
+        return Topology(len(self.masses), rods, tuple(link.ends for link in self.links), tuned)
 
     @property
     def absolute_accelerations(self) -> tuple[Any, ...]:

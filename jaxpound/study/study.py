@@ -101,8 +101,11 @@ class Study(DemandColumns):
         """Number of masses, and the ends of rods and links."""
         if "topology" not in self.about:  # a store of an earlier version
             raise ValueError("Study.topology: the store must be of this version; it lacks links")
-        n_masses, rods, links = self.about["topology"]  # lists if they were read from a file
-        return Topology(n_masses, *(tuple((i, j) for i, j in ends) for ends in (rods, links)))
+        n_masses, rods, links, *tuned = self.about[
+            "topology"
+        ]  # lists if they were read from a file
+        rods, links = (tuple((i, j) for i, j in ends) for ends in (rods, links))
+        return Topology(n_masses, rods, links, *map(tuple, tuned))
 
     @property
     def n_links(self) -> int:

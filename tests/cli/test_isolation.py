@@ -136,7 +136,7 @@ def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
     page = (Path(__file__).parents[2] / "docs" / "command_line.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.M | re.S)
     layout = layout_of(text)
-    assert [building.n_floors for building in layout.buildings] == [5, 5, 5]
+    assert [building.n_floors for building in layout.buildings] == [5, 5, 4]  # and a tuned mass
     assert layout.tables == (1, 2, 2, None, None, None)
     said = [key for bearing in layout.bearings if bearing for key in bearing.stated()]
     assert {*said} == {*type(layout.bearings[0]).__struct_fields__}
@@ -262,6 +262,25 @@ damper = {{law = "power", force = 4e5, exponent = 0.3, stiffness = 1e8}}
 [run]
 duration = 1.6
 """
+
+
+def test_the_row_of_a_building_leaves_out_its_tuned_mass_whose_stroke_stands_apart(pulse, tmp_path):
+    text = f"{STOREYS}{TUNED}\n[run]\nduration = 1.6\n"
+    screen, out, _, response = simulated(text, pulse, tmp_path)
+    demand = response.demand
+    (building,) = summary(out)["results"]["buildings"]
+    assert (building["storeys"], building["height_m"], building["series"]) == (3, 9.0, [1, 2, 3])
+    roof, tuned = demand.masses[2:]
+    assert building["peak_displacement_m"] == float(roof.peak_x) < float(tuned.peak_x)
+    accelerations = [float(mass.peak_acceleration) for mass in demand.masses[:3]]
+    assert building["peak_absolute_acceleration_m_per_s2"] == max(accelerations)
+    drifts = [float(demand.masses[0].peak_x), *(float(x.peak_drift) for x in demand.rods[1:])]
+    assert building["peak_drift_m"] == max(drifts[:3]) < drifts[3]
+    assert building["peak_drift_ratio"] == pytest.approx(max(drifts[:3]) / 3)
+    assert building["tuned_mass_strokes_m"] == [drifts[3]]
+    assert sum(mode["share_of_mass"] for mode in building["modes"]) == pytest.approx(1)
+    assert re.search(r"tuned mass of building +stroke \(m\)\n +1 +\S+", screen)
+    assert [row["floor"] for row in csv_rows(out / "floors.csv")] == ["1", "2", "3"]
 
 
 def test_a_run_says_and_draws_what_bearings_walls_and_dampers_do(pulse, tmp_path):

@@ -26,7 +26,8 @@ def loop_area(force, displacement):
 
 def matrices(building):
     """Masses and stiffnesses of a building whose rods are springs."""
-    way = np.eye(building.n_floors) - np.eye(building.n_floors, k=-1)
+    n = len(building.storeys)
+    way = np.eye(n) - np.eye(n, k=-1)
     stiffness = np.diag([float(storey.stiffness) for storey in building.storeys])
     return np.diag([float(storey.mass) for storey in building.storeys]), way.T @ stiffness @ way
 

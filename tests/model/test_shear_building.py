@@ -3,9 +3,12 @@
 import jax
 import numpy as np
 import pytest
+from scipy.optimize import root
 
 import jaxpound as jp
 from jaxpound import FloorLink, ShearBuilding
+from jaxpound.model.structures import storey_ends
+from jaxpound.model.topology import elongation
 from tests import linear
 from tests.refusals import refusals
 
@@ -13,9 +16,10 @@ from tests.refusals import refusals
 def test_the_first_mode_has_the_period_and_damping_asked_for_and_one_storey_is_a_building():
     for taper in (1.0, 0.4):
         building = ShearBuilding.from_period(6, 2e5, 0.8, 0.04, order=0.4, taper=taper)
-        modes = building.modes()
-        assert modes.periods[0] == pytest.approx(0.8, rel=1e-9)
-        assert modes.damping_ratios[0] == pytest.approx(0.04, rel=1e-7)
+        assert building.natural_period == pytest.approx(0.8, rel=1e-9)
+        modes = building.modes()  # of the free vibration, to the square of the damping ratio
+        assert modes.periods[0] == pytest.approx(0.8, rel=0.04**2)
+        assert modes.damping_ratios[0] == pytest.approx(0.04, abs=0.04**2)
         stiffnesses = np.array([storey.stiffness for storey in building.storeys])
         np.testing.assert_allclose(np.diff(stiffnesses, 2) / stiffnesses[0], 0, atol=1e-12)
         assert stiffnesses[-1] == pytest.approx(taper * stiffnesses[0])
@@ -23,10 +27,21 @@ def test_the_first_mode_has_the_period_and_damping_asked_for_and_one_storey_is_a
     block = jp.Building.from_period(5e5, 0.9, 0.05)
     numbers = [[*vars(x).values()][:5] for x in (storey, block)]
     assert numbers[0] == pytest.approx(numbers[1], rel=1e-14)
+    assert ShearBuilding((block,)).natural_period == pytest.approx(0.9, rel=1e-10)
     modes = ShearBuilding((block,)).modes()
     assert "frequency (rad/s)  period (s)" in str(modes)
-    assert modes.periods[0] == pytest.approx(float(block.natural_period), rel=1e-10)
-    assert modes.damping_ratios[0] == pytest.approx(float(block.damping_ratio), rel=1e-8)
+    rod, mass = block.zener(), float(block.mass)
+
+    def residual(parts):  # of m s² + K*(s) = 0
+        s = complex(*parts)
+        modulus = (1 + rod.tau_x * s**rod.order) / (1 + rod.tau_f * s**rod.order)
+        value = s**2 + complex(block.stiffness * modulus) / mass
+        return value.real, value.imag
+
+    s = complex(*root(residual, (-0.3, 7.0), tol=1e-12).x)
+    assert modes.eigenvalues[0] == pytest.approx(s, rel=1e-9)
+    assert modes.periods[0] == pytest.approx(2 * np.pi / abs(s), rel=1e-9)
+    assert modes.damping_ratios[0] == pytest.approx(-s.real / abs(s), rel=1e-9)
 
 
 def test_free_vibrations_are_those_of_spectra_and_of_textbooks_wherever_damping_sits():
@@ -50,28 +65,67 @@ def test_free_vibrations_are_those_of_spectra_and_of_textbooks_wherever_damping_
     shape = np.sin((np.arange(n) + 1) * np.pi / (2 * n + 1))
     np.testing.assert_allclose(modes.shapes[:, 0].real, shape / shape.max(), rtol=1e-6)
     assert "frequency (ω1)  period (1/ω1)" in str(modes)
-    # The real part of an eigenvalue is then below that of the stiffness alone.
-    elastic, damped = (jp.ZenerRod(1.0, 1e-9, tau) for tau in (1e-6, 0.2))
-    rods = [jp.Rod(damped if i == 1 else elastic, 1.0) for i in range(5)]
-    modes = jp.modes(jp.Storeys((1.0,) * 5, tuple(rods)))
-    way = np.eye(5) - np.eye(5, k=-1)
-    for j, omega in enumerate(modes.frequencies):
-        moduli = [rod.material.complex_modulus(omega) for rod in rods]
-        values = np.linalg.eigvals(way.T @ np.diag(np.array(moduli)) @ way)
-        value = values[np.argsort(values.real)[j]]
-        assert value.real == pytest.approx(omega**2, rel=1e-9)
-        assert modes.damping_ratios[j] == pytest.approx(value.imag / value.real / 2, rel=1e-7)
 
 
-def test_a_mode_that_only_creeps_has_no_free_vibration():
-    """The building is simulated all the same; its first period is what the time step follows."""
-    numbers = [1e5, 1e5], [1.4e7, 4.8e7], [0.6, 1.0], 1e-5, [0.05, 0.0732]
-    building = ShearBuilding.of_storeys(*numbers)
-    modes = building.modes()
-    assert modes.damping_ratios[1] > 1
-    assert np.isnan(modes.eigenvalues).tolist() == [False, True]
-    assert building.natural_period == pytest.approx(modes.periods[0], rel=1e-12)
-    # A building is differentiated by its masses and rods, whatever its heights.
+def state_matrix(masses, stiffness, damping):
+    """The state matrix of masses on Kelvin–Voigt rods."""
+    n = len(masses)
+    lower = -np.hstack([stiffness, damping]) / np.array(masses)[:, None]
+    return np.vstack([np.eye(2 * n)[n:], lower])
+
+
+@pytest.mark.parametrize("strongest", [0.3, 3.0, 30.0])
+def test_modes_are_those_of_the_state_matrix_wherever_dampers_stand(strongest):
+    """Also the number of those that only creep; a path for each, so that none is found twice."""
+    rng = np.random.default_rng(7)
+    for n in (2, 3, 5, 8):
+        masses, ends = rng.uniform(0.5, 2, n), [*map(storey_ends, range(n)), (n - 1, jp.GROUND)]
+        stiffnesses = np.append(rng.uniform(20, 200, n), 0.01)
+        dashpots = np.append(rng.uniform(0.01, 0.1, n), strongest)
+        numbers = [*zip(ends, stiffnesses, dashpots, strict=True)]
+        rods = [jp.Rod(jp.ZenerRod(1.0, 1e-12, c / k), k, x) for x, k, c in numbers]
+        modes = jp.modes(jp.System(tuple(masses), tuple(rods)))
+        influence = np.array([elongation(x, np.eye(n)) for x in ends]).T
+        between = [influence @ np.diag(x) @ influence.T for x in (stiffnesses, dashpots)]
+        poles = np.linalg.eigvals(state_matrix(masses, *between))
+        poles = poles[poles.imag > 1e-6 * abs(poles)]
+        assert modes.overdamped.sum() == n - poles.size
+        vibrates = modes.eigenvalues[~modes.overdamped]
+        np.testing.assert_allclose(np.sort_complex(vibrates), np.sort_complex(poles), rtol=1e-7)
+        assert modes.participation.sum() == pytest.approx(1, rel=1e-9)
+        dynamic = [
+            (state_matrix(masses, *between)[n:], s, x)
+            for s, x in zip(modes.eigenvalues, modes.shapes.T, strict=True)
+        ]
+        for lower, s, shape in dynamic:
+            if not np.isnan(s):
+                np.testing.assert_allclose(
+                    lower @ np.append(shape, s * shape),
+                    s**2 * shape,
+                    rtol=1e-6,
+                    atol=1e-6 * abs(s) ** 2,
+                )
+
+
+def test_equal_buildings_have_equal_modes_with_shapes_of_their_own():
+    building = ShearBuilding.from_period(3, 3e5, 0.5, 0.05)
+    alone, modes = building.modes(), jp.modes(jp.Buildings((building,) * 3))
+    np.testing.assert_allclose(modes.eigenvalues, np.repeat(alone.eigenvalues, 3), rtol=1e-7)
+    np.testing.assert_allclose(modes.participation.reshape(3, 3).sum(1), alone.participation)
+    assert np.linalg.matrix_rank(modes.shapes) == 9
+
+
+def test_a_mode_that_only_creeps_is_said_to_be_overdamped():
+    """It has the frequency and the damping ratio of its steady vibration: those of a textbook."""
+    modes = jp.modes(jp.Storeys((1.0,), jp.Rod(jp.ZenerRod(1.0, 1e-9, 3.0), 4.0)))
+    assert modes.overdamped.tolist() == [True]
+    assert np.isnan(modes.eigenvalues).all()
+    assert modes.frequencies[0] == pytest.approx(2.0, rel=1e-6)
+    assert modes.damping_ratios[0] == pytest.approx(3.0, rel=1e-6)
+    assert "1, overdamped" in str(modes)
+
+
+def test_a_building_is_differentiated_by_its_masses_and_rods_whatever_its_heights():
     low = ShearBuilding.from_period(2, 1e5, 0.3, 0.05)
     link = FloorLink(0, 1, gap=0.1)
 
@@ -85,12 +139,13 @@ def test_a_mode_that_only_creeps_has_no_free_vibration():
 
 def test_published_buildings_and_si_units():
     """Chopra's frame: T = 2 s; its higher periods are shorter by the rods' stiffening."""
-    periods = ShearBuilding.published("chopra-5").modes().periods
-    assert periods[0] == pytest.approx(2.0, rel=1e-3)
+    chopra = ShearBuilding.published("chopra-5")
+    assert chopra.natural_period == pytest.approx(2.0, rel=1e-3)
+    periods = chopra.modes().periods
     assert (periods[1:] < [0.6852, 0.4346, 0.3383, 0.2966]).all()
     for name, period in (("jankowski-left", 1.2), ("jankowski-right", 0.3)):
         building = ShearBuilding.published(name)
-        assert building.modes().periods[0] == pytest.approx(period, rel=1e-3)
+        assert building.natural_period == pytest.approx(period, rel=1e-3)
     left = ShearBuilding.from_period(2, 3e5, 0.4, 0.05)
     right = jp.Building.from_period(4e5, 0.5, 0.05)
     law = jp.KelvinVoigt(5e9, 0.65)

@@ -1,9 +1,14 @@
 """Tuned masses and tuned inerters, in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.model.places import link_places, mass_places, rod_places
+from jaxpound.reliability.instants import series_of
+from jaxpound.results.named import over_all
 from tests.model.test_isolation import frequencies, matrices
 from tests.refusals import refusals, refused
 
@@ -84,6 +89,68 @@ def test_a_tuned_inerter_has_the_share_of_the_modal_mass_that_its_floors_move(fl
     periods = jp.modes(jp.Buildings((first[0],), first[1])).periods[:2]
     by_mass = jp.tuned_mass_damper(FRAME, 0.05).modes().periods[:2]
     np.testing.assert_allclose(periods, by_mass, rtol=near)
+
+
+def test_modes_of_a_tuned_mass_are_close_and_damped_as_the_rods_have_it():
+    """Where a dashpot's modes are one, 11.2 % twice, τ_f of 1 % leaves 10.5 and 12.0 %."""
+    ratio, block = 0.05, jp.Building(1e6, 4e6 * np.pi**2, 1.0, 1e-9, 1e-9)
+    zeta, tuning = np.sqrt(ratio / (1 + ratio)), 1 / (1 + ratio)
+    tuned = jp.tuned_mass_damper(block, ratio, frequency_ratio=tuning, damping_ratio=zeta)
+    modes = tuned.modes()
+    np.testing.assert_allclose(modes.damping_ratios, [0.1048, 0.1199], atol=1e-4)
+    assert modes.participation.sum() == pytest.approx(1, rel=1e-9)
+    omega = 2 * np.pi * tuning
+    dashpot = jp.ZenerRod(1.0, 1e-12, 2 * zeta / omega)
+    rods = jp.Rod(jp.ZenerRod(1.0, 1e-9, 1e-9), 4 * np.pi**2), jp.Rod(dashpot, ratio * omega**2)
+    twice = jp.modes(jp.Storeys((1.0, ratio), rods))
+    np.testing.assert_allclose(twice.damping_ratios, zeta * np.sqrt(1 + ratio) / 2, rtol=1e-4)
+    assert not twice.overdamped.any()
+
+
+def test_a_tuned_mass_is_no_storey_anywhere():
+    weak = FRAME.yielding(base_shear_coefficient=0.1)
+    tuned = jp.tuned_mass_damper(FRAME, 0.002)
+    assert (tuned.n_floors, tuned.elevations.tolist()) == (3, [3.0, 6.0, 9.0])
+    again = tuned.yielding(base_shear_coefficient=0.1)
+    assert repr(again.storeys) == repr((*weak.storeys, tuned.storeys[3]))
+    pushed = [jp.pushover(x, ductility=3.0) for x in (again, weak)]
+    np.testing.assert_array_equal(pushed[0].drifts, pushed[1].drifts)
+    assert repr(tuned.with_p_delta().storeys[3]) == repr(tuned.storeys[3])
+    other = jp.ShearBuilding.from_period(4, 300e3, 0.6, 0.03, height=3.0)
+    assert [link.floor for link in jp.floor_links((tuned, other), gap=0.1)] == [0, 1, 2]
+    # Light as it is, it is no floor whose mass could be in another unit.
+    buildings = jp.Buildings((other, tuned), jp.floor_links((other, tuned), gap=0.1))
+    topology, system = buildings.system().topology, buildings.system()
+    assert topology.tuned == (7,)
+    assert mass_places(topology)[6:] == ("floor 3 of building 2", "tuned mass of building 2")
+    assert rod_places(topology)[7] == "tuned mass of building 2"
+    for name, group in (("peak_drift", "drift"), ("peak_acceleration", "acceleration")):
+        words = [series.words for series in series_of(system, name, False)]
+        assert len(words) == 14
+        assert all(x.startswith(group) and "tuned" not in x for x in words)
+    device, links = jp.tuned_inerter_damper(FRAME, 0.05)
+    between = link_places(jp.Buildings((device,), links).system().topology)
+    assert between == ("1–ground, tuned mass",)
+    on_bearings, _ = jp.isolated(tuned, jp.LeadRubber(2.5, 0.05), 300e3)
+    assert on_bearings.n_floors == 4
+    refused("n_tuned = 3 must be a whole number from 0 to 2", replace, FRAME, n_tuned=3)
+
+
+def test_the_largest_demands_of_floors_leave_out_the_tuned_mass_whose_stroke_is_apart():
+    buildings = jp.Buildings((jp.tuned_mass_damper(FRAME, 0.05),))
+    shaking = jp.Ricker(0.1, 0.5, 1.0), jp.TimeGrid.until(1.5, dt=0.02)
+    response = jp.simulate(buildings, *shaking)
+    demand = response.demand
+    assert response.topology.tuned == demand.topology.tuned == (3,)
+    (floors,) = jp.floor_demands(buildings, demand)
+    assert floors.masses == (0, 1, 2)
+    largest = over_all(buildings.system(), demand)
+    assert largest["peak_drift"] == floors.drift.max() < demand.rods[3].peak_drift
+    assert largest["peak_acceleration"] == floors.acceleration.max()
+    assert largest["peak_acceleration"] < demand.masses[3].peak_acceleration
+    np.testing.assert_array_equal(floors.stroke, [demand.rods[3].peak_drift])
+    assert f"tuned mass: stroke {float(floors.stroke[0]):.4g} m" in str(floors)
+    assert floors.drift_ratio.shape == (3,)
 
 
 NOT_POSITIVE = "must be positive and finite"
