@@ -25,6 +25,7 @@ from jaxpound.quantities import STANDARD_GRAVITY
 
 # Share of a record's energy, ∫ u''² dt, that a time step may lose: 0.5 % of the rms value.
 LOST_ENERGY = 0.01
+_KEPT = ("name", "time_unit", "doubts", "measured")  # of what is made of a record
 
 
 @pytree_dataclass
@@ -146,9 +147,7 @@ class Record(motion.GroundMotion):
         (pga,) = positive_number(owner, pga=pga)
         peak = abs(self.samples).max()
         enforce(owner, [Rule("the record's own peak", peak, peak > 0, "positive")])
-        scaled = self._with((self.samples * (pga / peak)).astype(self.samples.dtype))
-        object.__setattr__(scaled, "measured", False)
-        return scaled
+        return self._with((self.samples * (pga / peak)).astype(self.samples.dtype), measured=False)
 
     def baseline_corrected(self, kind: str = "linear") -> Record:
         """The record without its mean (``"mean"``) or its least-squares line (``"linear"``)."""
@@ -192,13 +191,12 @@ class Record(motion.GroundMotion):
     def dimensionless(self, frequency: Any) -> Record:
         """The record, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s."""
         motion.require_seconds("Record.dimensionless: record", self)
-        numbers = self.samples, self.dt * frequency
-        return derived(*numbers, self.name, motion.DIMENSIONLESS, self.doubts, self.measured)
+        return self._with(self.samples, self.dt * frequency, time_unit=motion.DIMENSIONLESS)
 
-    def _with(self, samples: Any, dt: Any = None, name: str | None = None) -> Record:
+    def _with(self, samples: Any, dt: Any = None, **fields: Any) -> Record:
         """Other samples, in g; of the same interval, name and unit of time by default."""
-        dt, name = self.dt if dt is None else dt, self.name if name is None else name
-        return derived(samples, dt, name, self.time_unit, self.doubts, self.measured)
+        fields = {name: getattr(self, name) for name in _KEPT} | fields
+        return derived(samples, self.dt if dt is None else dt, **fields)
 
     def unresolved(self, dt: float) -> list[str]:
         """A sentence if steps of ``dt`` lose much energy above their Nyquist frequency π/dt."""
@@ -229,16 +227,10 @@ class Record(motion.GroundMotion):
 
 
 def derived(
-    samples: Any,
-    dt: Any,
-    name: str = "",
-    time_unit: str = motion.SECONDS,
-    doubts: tuple[str, ...] = (),
-    measured: bool = True,
+    samples: Any, dt: Any, name: str = "", time_unit: str = motion.SECONDS, **labels: Any
 ) -> Record:
     """A record of samples in g, without the check of plausibility: its source has those doubts."""
-    labels: dict[str, Any] = {"name": name, "doubts": doubts, "measured": measured}
-    record = unchecked(Record, samples=samples, dt=dt, time_unit=time_unit, **labels)
+    record = unchecked(Record, samples=samples, dt=dt, name=name, time_unit=time_unit, **labels)
     check(record)
     return record
 
