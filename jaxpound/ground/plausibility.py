@@ -8,8 +8,6 @@ checked.
 
 from __future__ import annotations
 
-import sys
-import warnings
 from functools import partial
 from typing import Any
 
@@ -18,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Range, is_traced
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import PlausibilityWarning as PlausibilityWarning
+from jaxpound._errors import warn as warn
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion, records_in
 from jaxpound.ground.run_input import sampled
@@ -36,22 +35,6 @@ MOST_RESIDUAL = 0.03  # of the energy balance over the input: the displacements'
 LATE = 0.1  # share of a ground motion's energy, ∫ u''² dt, after the end of a run
 LEAST_SHARE = 0.01  # of a study's earthquakes: no probability changes by more
 LOOKED_AT = 256  # earthquakes of a study: they include a 1 % event with a probability of 92 %
-
-
-class PlausibilityWarning(UserWarning):
-    """Input that the time grid does not resolve, or that is implausible: see ``simulate``."""
-
-
-def warn(owner: str, findings: list[str], strict: bool) -> None:
-    """Warn of each finding, at the line that called the library; refuse them all if ``strict``."""
-    if strict and findings:
-        raise InvalidInput(owner, "", "", "; ".join(findings))
-    level, frame = 1, sys._getframe()
-    internal = ("jaxpound.", "jaxtyping.")  # jaxtyping's frames check annotations
-    while frame.f_back and frame.f_globals.get("__name__", "").startswith(internal):
-        level, frame = level + 1, frame.f_back
-    for finding in findings:
-        warnings.warn(f"{owner}: {finding}", PlausibilityWarning, stacklevel=level)
 
 
 def of_samples(samples: np.ndarray, dt: float, *, stated: bool) -> list[str]:

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxpound._checks import instance, is_whole
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import check, like, part, pytree_dataclass, static, unchecked
-from jaxpound.ground.plausibility import warn
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import Inerter, VelocityFriction
