@@ -1,7 +1,9 @@
-"""The error for input that breaks a rule."""
+"""The error for input that breaks a rule, and the warning of input that is implausible."""
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -39,6 +41,22 @@ def renamed(owner: str, names: Mapping[str, str] | None = None) -> Iterator[None
     except InvalidInput as error:
         name = (names or {}).get(error.name, error.name)
         raise error.replaced(owner=owner, name=name) from error
+
+
+class PlausibilityWarning(UserWarning):
+    """Input that the time grid does not resolve, or that is implausible: see ``simulate``."""
+
+
+def warn(owner: str, findings: list[str], strict: bool) -> None:
+    """Warn of each finding, at the line that called the library; refuse them all if ``strict``."""
+    if strict and findings:
+        raise InvalidInput(owner, "", "", "; ".join(findings))
+    level, frame = 1, sys._getframe()
+    internal = ("jaxpound.", "jaxtyping.")  # jaxtyping's frames check annotations
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith(internal):
+        level, frame = level + 1, frame.f_back
+    for finding in findings:
+        warnings.warn(f"{owner}: {finding}", PlausibilityWarning, stacklevel=level)
 
 
 InvalidInput.__module__ = "jaxpound"  # where users import it, and as tracebacks show it

@@ -22,7 +22,7 @@ from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
 from jaxpound.cli.yielding import YIELDING, YieldingSection, keys_of
 from jaxpound.model.building import DAMPING, PERIOD
-from jaxpound.model.row import LinkLabels, by_face, common_floors, require_floors, require_heights
+from jaxpound.model.row import LinkLabels, by_face, meeting_floors, require_floors, require_heights
 from jaxpound.model.shear_building import HEIGHT, TAPER
 from jaxpound.model.system import is_closable
 
@@ -222,7 +222,11 @@ class LinkSection(Section):
             if len(buildings) < 2:
                 raise refused("floors", "must be between two buildings or more", '"common"')
             lefts = range(len(buildings) - 1) if self.building is None else [self.building - 1]
-            floors = [(i, *pair, None) for i in lefts for pair in _common(buildings, i)]
+            if not 0 <= lefts[0] < len(buildings) - 1:
+                rule = f"must be from 1 to {len(buildings) - 1}, with another building to the right"
+                raise refused("building", rule, str(self.building))
+            gap, owner = of_faces(self.gap), 'configuration: floors = "common"'
+            floors = [(*x, None) for x in meeting_floors(owner, buildings, lefts, gap)]
         else:
             stated: Any = self  # with a building, and one floor or several
             other = self.next_building  # from here on numbers are those of FloorLink, from 0
@@ -235,16 +239,6 @@ class LinkSection(Section):
         between["side"] = self.side or "right"
         links = [jp.FloorLink(b, i, j, next_building=other, **between) for b, i, j, other in floors]
         return [*by_face(links)]
-
-
-def _common(buildings: Sequence[jp.ShearBuilding], left: int) -> list[tuple[int, int]]:
-    if left >= len(buildings) - 1:
-        rule = f"must be from 1 to {len(buildings) - 1}, with another building to the right"
-        raise refused("building", rule, str(left + 1))
-    if floors := common_floors(*buildings[left : left + 2]):
-        return floors
-    pair = f"buildings {left + 1} and {left + 2}"
-    raise ValueError(f'floors = "common": {pair} must have floors at the same height')
 
 
 @dataclasses.dataclass(frozen=True)

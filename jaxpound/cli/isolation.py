@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import jaxpound as jp
 from jaxpound.cli.reading import Section, between, named, of_field, refused
 from jaxpound.cli.tables import ContactSection, Gaps, OfClass, of_faces
+from jaxpound.model.isolation import RATE
 from jaxpound.model.row import by_face
 from jaxpound.model.shear_building import HEIGHT
 
@@ -37,7 +38,7 @@ class IsolationSection(OfClass):
     radius: Annotated[float, of_field(jp.FrictionPendulum, "radius")] | None = None
     friction: _Friction | None = None
     fast_friction: _Friction | None = None
-    rate: Annotated[float, of_field(jp.FrictionPendulum, "rate")] | None = None
+    rate: Annotated[float, between(*RATE)] | None = None
     period: Annotated[float, of_field(jp.LeadRubber, "period")] | None = None
     strength: Annotated[float, of_field(jp.LeadRubber, "strength")] | None = None
     yield_displacement: _Yield | None = None

@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> None:
         )
     print(study)
     part = "" if args.shard == "1/1" else f" by shard {args.shard} alone"
-    print(f"probability of pounding{part} {study.pounding_probability()}")
+    print(f"probability of pounding{part}{study.checked_floors} {study.pounding_probability()}")
     print(f"jaxpound report --store {args.store} --out DIR says more")
 
 

@@ -60,7 +60,8 @@ def run(args: argparse.Namespace) -> None:
     if "configuration" in (study.about["notes"] or {}):
         files.write_files(args.out, {"study.toml": study.about["notes"]["configuration"]})
     buildings = "buildings in a row" if answers["links"] else "two adjacent structures"
-    title, parts = f"Monte Carlo study of {buildings}", parts_of_page(answers)
+    title = f"Monte Carlo study of {buildings}"
+    parts = parts_of_page(answers, study.checked_floors)
     files.write_report(args, answers, title, parts, figures)
 
 
@@ -223,8 +224,8 @@ def _links_parts(links: list[dict[str, Any]], si: bool) -> list[str | TextTable]
     return parts
 
 
-def parts_of_page(answers: dict[str, Any]) -> list[str | TextTable]:
-    """The paragraphs and tables on a study, from its summary."""
+def parts_of_page(answers: dict[str, Any], checked_floors: str) -> list[str | TextTable]:
+    """The paragraphs and tables on a study, from its summary; as ``Study.checked_floors``."""
     si = answers["units"] == "SI"
     p, links = answers["pounding_probability"], answers["links"]
     unfinished = answers["samples"] != answers["samples_asked_for"]
@@ -234,8 +235,8 @@ def parts_of_page(answers: dict[str, Any]) -> list[str | TextTable]:
         + f", {answers['failed']:,} failed; {answers['sampling']} sampling; "
         f"jaxpound {answers['made_by']['jaxpound']}. Intervals are of 95 %."
         + ("" if si else " Units are those of the dimensionless system."),
-        f"**Probability of pounding{' at any link' if links else ''}: {rounded(p['value'])} "
-        f"({_ends(p)})**",
+        f"**Probability of pounding{' at any link' if links else ''}{checked_floors}: "
+        f"{rounded(p['value'])} ({_ends(p)})**",
     ]
     if gaps := answers["required_gap"]:
         correlation = answers["double_difference_correlation"]

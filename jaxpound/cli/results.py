@@ -186,8 +186,8 @@ def envelope(layout: BuildingsLayout, response: jp.Response) -> str:
     return csv_text(columns + yields, rows)
 
 
-def lines(results: dict[str, Any]) -> list[str]:
-    """The results of ``of_simulation`` as text for the screen."""
+def lines(results: dict[str, Any], checked_floors: str = "") -> list[str]:
+    """The results of ``of_simulation`` as text for the screen; as ``Demand.checked_floors``."""
     buildings, links = results["buildings"], results["links"]
     modes = [building["modes"][0] for building in buildings]
     columns = {
@@ -230,12 +230,12 @@ def lines(results: dict[str, Any]) -> list[str]:
     if closable:
         closest = min(closable, key=lambda link: link["min_gap_m"])
         smallest = f"{results['min_gap_m']:.4g} m at {results['min_gap_time_s']:.5g} s"
-        words, by_law = "no pounding", closest["contact"] is not None
+        words, by_law = f"no pounding{checked_floors}", closest["contact"] is not None
         if results["pounds"]:
             depth = f"{'penetration' if by_law else 'overlap'} {results['overlap_m']:.4g} m"
             instant = f"first contact at {results['first_contact_s']:.5g} s"
             remark = "" if by_law else "; contact itself is not modelled"
-            words = f"POUNDS: {depth}, {instant}{remark}"
+            words = f"POUNDS: {depth}, {instant}{checked_floors}{remark}"
         texts.append(f"Gaps     smallest {smallest}; {words}")
     shares = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
     if not any(link["friction_force_N"] for link in links):

@@ -57,7 +57,7 @@ def shaking(file: File, ground: RecordSection, record: jp.Record) -> jp.Record:
         with named(f"{file.name}: [ground]"):
             record = record.scaled_to_pga(ground.pga)
     elif ground.scale is not None:
-        record = record._with(record.samples * ground.scale, record.dt)
+        record = record._with(record.samples * ground.scale, measured=False)
     return record
 
 
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> None:
         print("No --config given: these are the buildings of jaxpound simulate --example-config.")
     layout = configuration.layout
     answers = summary(file, configuration, in_numbers, response)
-    print(page(answers))
+    print(page(answers, response.demand.checked_floors))
     numbers = results.of_form(answers["results"], layout.is_pair)
     files: dict[str, Any] = {"summary.json": json_text(answers | {"results": numbers})}
     if configuration.output.series == "npz":
@@ -159,7 +159,7 @@ def summary(
     }
 
 
-def page(answers: dict[str, Any]) -> str:
+def page(answers: dict[str, Any], checked_floors: str = "") -> str:
     """The summary as text for the screen."""
     record, run = answers["record"], answers["run"]
     return "\n".join(
@@ -167,6 +167,6 @@ def page(answers: dict[str, Any]) -> str:
             f"Record   {record['file']}: PGA {record['pga_g']:.4g} g, {record['duration_s']:.6g} s",
             f"Run      {run['steps']} steps of {run['dt_s']:.4g} s; {run['method']}",
             "",
-            *results.lines(answers["results"]),
+            *results.lines(answers["results"], checked_floors),
         ]
     )

@@ -20,6 +20,7 @@ from jaxpound.design.problem import DesignProblem
 from jaxpound.design.search import Iterate, SearchResult
 from jaxpound.design.space import DesignSpace
 from jaxpound.model.places import link_places
+from jaxpound.model.row import checked_floors
 from jaxpound.model.system import gravity_of
 from jaxpound.model.topology import GROUND, Topology
 from jaxpound.quantities import unit
@@ -138,7 +139,10 @@ class Comparison(Shown):
         notes = ["quantiles are of 95 %" + self.has_gaps * ", of the smallest gap of 5 %"]
         if self.has_gaps:
             shares = (100 * share for share in self.pounding)
-            notes.append("pounding in {:.4g} % of them before, {:.4g} % after".format(*shares))
+            words = "pounding in {:.4g} % of them before, {:.4g} % after".format(*shares)
+            n = len(self.topology.links) if self.topology else 0
+            gaps = [self.before[of_link("min_gap", k, n)] for k in range(n)]
+            notes.append(words + checked_floors(self.topology, gaps))
             wider = self.difference("min_gap")
             notes.append(f"min gap wider by {wider} {unit('length', self.si)} on average")
         if (name := self.objective_function.demand) != "min_gap":

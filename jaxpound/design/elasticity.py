@@ -17,6 +17,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import pga
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import excessive, first_of, of_many, unseen, warn
+from jaxpound.ground.run_input import as_run
 from jaxpound.model.parameters import get, paths, put
 from jaxpound.model.system import Structures, gravity_of
 from jaxpound.results.named import unit_of
@@ -93,7 +94,10 @@ def elasticities(
         findings = of_many(jax.tree.map(lambda x: x[:first], ground.grounds), grid, in_g=False)
     else:
         ensemble = Ensemble.of([ground], grid)
-        findings = unseen(ground, grid) + excessive(ground, pga(ground, grid))
+        gravity = gravity_of(structures)
+        peak = pga(as_run(ground, grid, gravity), grid) / (gravity or 1.0)
+        findings = unseen(ground, grid, strict=strict)
+        findings += excessive(ground, peak, si=gravity is not None)
     warn(owner, imprecise(system, ensemble.grounds) + findings, strict)
     parameters = {path: float(get(structures, path)) for path in paths(structures)}
     certain = parameters.keys() - ensemble.uncertain.keys()  # and a gap may be infinite

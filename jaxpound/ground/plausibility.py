@@ -1,14 +1,13 @@
 """Valid but implausible input, such as a number in a wrong unit: a warning or, if strict, an error.
 
 A dimensionless run checks the PGA only of ground motions with a record, which is in g: eq. 9 is
-homogeneous, so that ground, friction and gap may be scaled together. A Monte Carlo study always
-checks it: its probabilities are those of real earthquakes. Traced values are not checked.
+homogeneous, so that ground, friction and gap may be scaled together. A run in SI checks any, and so
+does a Monte Carlo study: its probabilities are those of real earthquakes. Traced values are not
+checked.
 """
 
 from __future__ import annotations
 
-import sys
-import warnings
 from functools import partial
 from typing import Any
 
@@ -16,16 +15,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import is_traced
-from jaxpound._errors import InvalidInput
+from jaxpound._checks import Range, is_traced
+from jaxpound._errors import PlausibilityWarning as PlausibilityWarning
+from jaxpound._errors import warn as warn
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion, records_in
 from jaxpound.ground.run_input import sampled
 
 # The largest plausible numbers, and how many are looked at.
 MOST_PGA = 5.0  # peak ground acceleration, g: the largest recorded are about 4
+MOST_STATED = 2.0  # g, of a motion that is no record as it was measured: hazard maps end there
 MOST_UNSTATED = 1.5  # g, of a record of unstated unit: few records in g exceed it, many in m/s² do
 ISOLATED = 3.0  # largest sample over the next one: at most 1.7 in recorded motions, if undamaged
+SAMPLING = Range(1e-4, 0.1, "s", "accelerographs take 50 to 500 samples a second")
 MANY = 100  # least number of samples of a checked record; fewer are an example
 MOST_GAP = 100.0  # gap over displacements of a run, whose earthquake may be weak
 DEEP = 0.25  # penetration over displacements: real floors stay below a tenth
@@ -35,27 +37,13 @@ LEAST_SHARE = 0.01  # of a study's earthquakes: no probability changes by more
 LOOKED_AT = 256  # earthquakes of a study: they include a 1 % event with a probability of 92 %
 
 
-class PlausibilityWarning(UserWarning):
-    """Input that the time grid does not resolve, or that is implausible: see ``simulate``."""
-
-
-def warn(owner: str, findings: list[str], strict: bool) -> None:
-    """Warn of each finding, at the line that called the library; refuse them all if ``strict``."""
-    if strict and findings:
-        raise InvalidInput(owner, "", "", "; ".join(findings))
-    level, frame = 1, sys._getframe()
-    internal = ("jaxpound.", "jaxtyping.")  # jaxtyping's frames check annotations
-    while frame.f_back and frame.f_globals.get("__name__", "").startswith(internal):
-        level, frame = level + 1, frame.f_back
-    for finding in findings:
-        warnings.warn(f"{owner}: {finding}", PlausibilityWarning, stacklevel=level)
-
-
 def of_samples(samples: np.ndarray, dt: float, *, stated: bool) -> list[str]:
     """Findings in the samples of a record in g and seconds; ``stated``: whether its unit was."""
     size = np.abs(samples)
     if len(size) < MANY:
         return []
+    if dt not in SAMPLING:
+        return [f"dt = {dt:.6g} s should be {SAMPLING.rule}: is it in s?"]
     largest = int(np.argmax(size))
     highest, others = float(size[largest]), float(np.delete(size, largest).max())
     if highest > ISOLATED * others > 0:
@@ -67,11 +55,15 @@ def of_samples(samples: np.ndarray, dt: float, *, stated: bool) -> list[str]:
     return []
 
 
-def unseen(ground: GroundLike, grid: TimeGrid) -> list[str]:
-    """Findings if a grid does not resolve a ground motion, or ends before much of its energy."""
+def unseen(ground: GroundLike, grid: TimeGrid, *, strict: bool = False) -> list[str]:
+    """Findings if a grid does not resolve a ground motion, or ends before much of its energy.
+
+    If ``strict``, also those of which its records have warned as they were made.
+    """
     if is_traced(ground):
         return []
-    return [*as_motion(ground).unresolved(grid.dt), *_late(ground, grid)]
+    earlier = [x for record in records_in(ground) for x in getattr(record, "doubts", ())]
+    return [*as_motion(ground).unresolved(grid.dt), *_late(ground, grid), *strict * earlier]
 
 
 def _late(ground: GroundLike, grid: TimeGrid) -> list[str]:
@@ -82,11 +74,13 @@ def _late(ground: GroundLike, grid: TimeGrid) -> list[str]:
     return [f"ground: {share}, and should be at most {LATE:.0%}: a longer time grid holds it"]
 
 
-def excessive(ground: GroundLike, pga: Any, name: str = "ground") -> list[str]:
-    """A finding if a ground motion in g, as a record is, exceeds the plausible PGA."""
-    if is_traced(pga) or jnp.ndim(pga) or not any(records_in(ground)):
+def excessive(ground: GroundLike, pga: Any, name: str = "ground", *, si: bool) -> list[str]:
+    """A finding if a ground motion in SI, or in g as a record is, exceeds the plausible PGA, g."""
+    if is_traced(pga) or jnp.ndim(pga) or not (si or any(records_in(ground))):
         return []
-    return [_beyond(f"{name}: PGA = {float(pga):.4g} g")] if float(pga) > MOST_PGA else []
+    measured = not si or getattr(as_motion(ground), "measured", False)
+    most = MOST_PGA if measured else MOST_STATED
+    return [_beyond(f"{name}: PGA = {float(pga):.4g} g", most)] if float(pga) > most else []
 
 
 def far_apart(name: str, gap: Any, moved: Any, *, si: bool) -> list[str]:
@@ -165,5 +159,5 @@ def _share(count: int, n: int) -> str:
     return f"{count / n:.0%} of the {n} earthquakes looked at"
 
 
-def _beyond(subject: str) -> str:
-    return f"{subject} should be at most {MOST_PGA:.0f} g: are the units right?"
+def _beyond(subject: str, most: float = MOST_PGA) -> str:
+    return f"{subject} should be at most {most:.0f} g: are the units right?"

@@ -113,9 +113,10 @@ def read_record(
     if len(samples) >= MANY and not samples.any():
         notes.append("the acceleration is 0 throughout: is this the right file or column?")
     stated = units is not None or header_unit is not None
-    for note in [*notes, *of_samples(samples, values.dt, stated=stated)]:
+    doubts = *notes, *of_samples(samples, values.dt, stated=stated)
+    for note in doubts:
         warnings.warn(f"{file}: {note}", PlausibilityWarning, stacklevel=2)
-    return derived(samples, values.dt, file.stem)
+    return derived(samples, values.dt, file.stem, doubts=doubts)
 
 
 def require_possible(place: str, name: str, peak: float, hint: str) -> None:

@@ -25,6 +25,7 @@ from jaxpound.quantities import STANDARD_GRAVITY
 
 # Share of a record's energy, ∫ u''² dt, that a time step may lose: 0.5 % of the rms value.
 LOST_ENERGY = 0.01
+_KEPT = ("name", "time_unit", "doubts", "measured")  # of what is made of a record
 
 
 @pytree_dataclass
@@ -36,9 +37,9 @@ class Record(motion.GroundMotion):
 
     Raises ``ValueError`` if the samples are not one-dimensional, fewer than two or not finite, dt
     is not a number > 0, the name is not a string, or time_unit or units is unknown. Warns
-    (``PlausibilityWarning``) of at least a hundred samples in seconds if one is more than three
-    times all others, or no units are stated and the peak is above 1.5 g, as in few records in g and
-    many in m/s².
+    (``PlausibilityWarning``) of at least a hundred samples in seconds if dt is not between 0.0001
+    and 0.1 s, one is more than three times all others, or no units are stated and the peak is above
+    1.5 g, as in few records in g and many in m/s².
 
     Parameters
     ----------
@@ -69,6 +70,8 @@ class Record(motion.GroundMotion):
     samples: Any
     dt: Any = parameter(r"\Delta t", "time", "sample interval", above=0)
     name: str = label(default="")
+    doubts: tuple[str, ...] = label(default=())  # of which there was a warning as it was made
+    measured: bool = label(default=True)  # not scaled to a peak
     time_unit: str = static(default=motion.SECONDS)
 
     def __init__(
@@ -94,7 +97,9 @@ class Record(motion.GroundMotion):
         check(self)
         if self.time_unit == motion.SECONDS and not is_traced((samples, self.dt)):
             concrete = np.asarray(samples), float(self.dt)
-            warn("Record", of_samples(*concrete, stated=units is not None), strict=False)
+            doubts = of_samples(*concrete, stated=units is not None)
+            object.__setattr__(self, "doubts", tuple(doubts))
+            warn("Record", doubts, strict=False)
 
     def more_rules(self, prefix: str) -> list[Rule]:
         """The rule of the samples, under the name of the argument."""
@@ -142,7 +147,7 @@ class Record(motion.GroundMotion):
         (pga,) = positive_number(owner, pga=pga)
         peak = abs(self.samples).max()
         enforce(owner, [Rule("the record's own peak", peak, peak > 0, "positive")])
-        return self._with((self.samples * (pga / peak)).astype(self.samples.dtype))
+        return self._with((self.samples * (pga / peak)).astype(self.samples.dtype), measured=False)
 
     def baseline_corrected(self, kind: str = "linear") -> Record:
         """The record without its mean (``"mean"``) or its least-squares line (``"linear"``)."""
@@ -186,12 +191,12 @@ class Record(motion.GroundMotion):
     def dimensionless(self, frequency: Any) -> Record:
         """The record, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s."""
         motion.require_seconds("Record.dimensionless: record", self)
-        return Record(self.samples, self.dt * frequency, self.name, motion.DIMENSIONLESS)
+        return self._with(self.samples, self.dt * frequency, time_unit=motion.DIMENSIONLESS)
 
-    def _with(self, samples: Any, dt: Any = None, name: str | None = None) -> Record:
+    def _with(self, samples: Any, dt: Any = None, **fields: Any) -> Record:
         """Other samples, in g; of the same interval, name and unit of time by default."""
-        dt, name = self.dt if dt is None else dt, self.name if name is None else name
-        return derived(samples, dt, name, self.time_unit)
+        fields = {name: getattr(self, name) for name in _KEPT} | fields
+        return derived(samples, self.dt if dt is None else dt, **fields)
 
     def unresolved(self, dt: float) -> list[str]:
         """A sentence if steps of ``dt`` lose much energy above their Nyquist frequency π/dt."""
@@ -221,9 +226,11 @@ class Record(motion.GroundMotion):
         return f"Record({title}{self.n_samples} samples, {times}, peak {peak:.4g} g)"
 
 
-def derived(samples: Any, dt: Any, name: str = "", time_unit: str = motion.SECONDS) -> Record:
-    """A record of samples in g, without the check of plausibility, which its source has passed."""
-    record = unchecked(Record, samples=samples, dt=dt, name=name, time_unit=time_unit)
+def derived(
+    samples: Any, dt: Any, name: str = "", time_unit: str = motion.SECONDS, **labels: Any
+) -> Record:
+    """A record of samples in g, without the check of plausibility: its source has those doubts."""
+    record = unchecked(Record, samples=samples, dt=dt, name=name, time_unit=time_unit, **labels)
     check(record)
     return record
 

@@ -175,7 +175,8 @@ class SuiteRuns:
         self.intensity = Intensity.of(owner, suite, options.measure)
         factors = np.ones(len(suite)) if highest is None else highest / self.intensity.unscaled
         findings = imprecise(structures.system(), factors)
-        findings += [finding for record in scaled for finding in unseen(record, grid)]
+        for record in scaled:
+            findings += unseen(record, grid, strict=options.strict)
         if (peaks := suite.pgas * factors).max() > MOST_PGA:
             i = int(np.argmax(peaks))
             scaled_up = f"records: {suite.names[i]!r} times {factors[i]:.4g} has a PGA of"

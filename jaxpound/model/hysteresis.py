@@ -90,8 +90,8 @@ class Bilinear:
         α, the stiffness after yield over that before, from −1 to 1; usually .02 to .1. If it is
         negative, ``ultimate_displacement`` must be finite.
     ultimate_displacement
-        The elongation at which the rod collapses, in the unit of e_y; infinite by default. Beyond
-        it the force stays what it is there, so that a run that diverges remains finite.
+        The elongation ≥ e_y at which the rod collapses, in its unit; infinite by default. Beyond it
+        the force stays what it is there, so that a run that diverges remains finite.
 
     Examples
     --------
@@ -104,7 +104,7 @@ class Bilinear:
     yield_displacement: Any = parameter("e_y", "length", above=0, usual=(0.01, 1.0), within=_LENGTH)
     hardening: Any = parameter(r"\alpha", least=-1, most=1, usual=(0.0, 0.3), default=0.0)
     ultimate_displacement: Any = parameter(
-        "e_u", "length", above=0, finite=False, within=_END, default=np.inf
+        "e_u", "length", least="yield_displacement", finite=False, within=_END, default=np.inf
     )
 
     def __post_init__(self) -> None:

@@ -24,7 +24,7 @@ from jaxpound.quantities import STANDARD_GRAVITY
 
 _RADIUS = Range(0.05, 50, "m", "of a sliding surface; 1 to 6 m are usual")
 _FRICTION = Range(0, 1, "", "a coefficient; 0.03 to 0.12 is usual of PTFE")
-_RATE = Range(1, 1e4, "s/m", "20 to 100 s/m is usual of PTFE")
+RATE = Range(1, 1e4, "s/m", "20 to 100 s/m is usual of PTFE")
 _STRENGTH = Range(1e-4, 1, "", "of the weight; 0.03 to 0.1 is usual")
 _LENGTH = Range(1e-5, 1, "m", "at which a bearing yields")
 _ELASTIC: Any = {"order": 1.0, "tau_f": 1e-3, "tau_x": 1e-3}  # a rod that does not creep
@@ -47,7 +47,7 @@ class FrictionPendulum:
     fast_friction
         μ_f ≥ μ in fast slip; None, the default, is the same μ at every velocity.
     rate
-        a > 0, s/m.
+        a > 0, s/m, beside fast_friction only; 50 by default.
     ultimate_displacement
         Where the slider leaves its surface, m; infinite by default. ``collapsed`` of a run's demand
         says it, and ``ductility`` is the largest displacement over it.
@@ -62,19 +62,25 @@ class FrictionPendulum:
     radius: Any = parameter("R", above=0, within=_RADIUS)
     friction: Any = parameter(r"\mu", least=0, within=_FRICTION)
     fast_friction: Any = part(default=None)
-    rate: Any = parameter("a", above=0, within=_RATE, default=50.0)
+    rate: Any = part(default=None)
     ultimate_displacement: Any = parameter("e_u", above=0, finite=False, default=np.inf)
 
     def __post_init__(self) -> None:
         owner = "FrictionPendulum"
         check(self)
         enforce(owner, ranges(self))
-        if self.fast_friction is not None:
+        if self.fast_friction is None:
+            if self.rate is not None:
+                rule = "must not be given without fast_friction: friction does not grow"
+                raise InvalidInput(owner, "rate", f"{self.rate}", rule)
+        else:
             fast = real(owner, "fast_friction", self.fast_friction)
             object.__setattr__(self, "fast_friction", fast)
             rule = f"at least friction, and at most {_FRICTION.high}"
             holds = (fast >= self.friction) & (fast <= _FRICTION.high)
-            enforce(owner, [Rule("fast_friction", fast, holds, rule)])
+            (rate,) = positive(owner, rate=50.0 if self.rate is None else self.rate)
+            object.__setattr__(self, "rate", rate)
+            enforce(owner, [Rule("fast_friction", fast, holds, rule), RATE.of("rate", rate)])
         require_batch(owner, **{name: x for name, x in vars(self).items() if x is not None})
 
     def period(self, gravity: Any = STANDARD_GRAVITY) -> Any:

@@ -16,6 +16,8 @@ import numpy as np
 from jaxpound._checks import Range, is_known_and_single
 from jaxpound._fields import unchecked
 from jaxpound.model.contact import KelvinVoigt, Newton
+from jaxpound.model.hysteresis import hysteresis_of
+from jaxpound.model.places import rod_places
 from jaxpound.model.system import Link
 from jaxpound.model.topology import GROUND, stacks
 from jaxpound.quantities import SI, STANDARD_GRAVITY
@@ -39,6 +41,19 @@ SLIP = 1e-3, 10.0
 
 USUAL_PERIOD = Range(0.05, 10, "s", "models on shaking tables and the tallest towers")
 
+LEAST_MASS, MOST_MASS, MODEL_PERIOD = 9e3, 1e7, 0.25
+"""Plausible mass of the heaviest floor, kg: a shed has 10 t, 10,000 m² of a mall 10,000 t. Below
+are floors of up to 900 t with the mass in t or the weight in kN, above those from 1,020 t on with
+the weight in N. Models on shaking tables are lighter, and quicker than a period, s; a building of
+one or two storeys may stand for a tower."""
+
+STRENGTH = 0.005, 3.0
+"""Plausible force at yield: least over the weight above, most over the building's. Weak towers
+yield at 2 %; the strongest spectra of codes, of 2 g, make 3 with an overstrength of 1.5."""
+
+MOST_INERTANCE = 10.0
+"""Largest plausible inertance over the mass of all floors; that of dampers is .01 to 1 times it."""
+
 LEAST_TOUCHING, MOST_TOUCHING = 1 / 250, 1 / 2
 """Plausible duration of a contact over the period of the lighter floor on its storey. Contact of 20
 times the storey's stiffness, and Hertz's of the literature, lasts 1/4 to 1/30 of it; beyond 1/2 it
@@ -49,13 +64,14 @@ _HERTZ = 2.9432
 
 
 def doubts(structures: AdjacentStructures | Row, scales: Scales) -> list[str]:
-    """The first finding of each kind: in masses, periods, slip forces and contact laws."""
+    """The first finding of each kind: in masses, periods, strengths, slip forces, contact laws."""
     if (floors := _Floors.of(structures, scales)) is None:
         return []
     links = _links(structures, scales)
     slips = [_slip(names[0], link, floors) for names, link in links]
     contacts = [_touching(names[2], link, floors) for names, link in links]
-    return [*floors.doubts(), *_first(slips), *_first(contacts)]
+    findings = [*floors.doubts(), *_first(floors.strengths), *_first(slips), *_first(contacts)]
+    return findings or floors.size()  # the others ask for the unit of the masses as well
 
 
 def too_wide(structures: AdjacentStructures | Row, scales: Scales) -> list[str]:
@@ -78,6 +94,9 @@ class _Floors(NamedTuple):
     moved: np.ndarray  # displacement under 1 g, by the stiffness of the first mode
     periods: np.ndarray  # of each floor on its own storey, by the same stiffness
     first_periods: tuple[float, ...]  # natural period of each building
+    heaviest: float  # floor of the buildings of three storeys or more
+    inertance: float  # the largest
+    strengths: list[str]  # a finding, or none, for each storey that yields
 
     @staticmethod
     def of(structures: AdjacentStructures | Row, scales: Scales) -> _Floors | None:
@@ -88,12 +107,19 @@ class _Floors(NamedTuple):
             return None
         masses = np.array([float(mass) for mass in system.masses])
         stiffnesses, moved = np.ones_like(masses), np.ones_like(masses)
+        places, heaviest, strengths = rod_places(system.topology), 0.0, []
         with jax.ensure_compile_time_eval():  # concrete numbers, in a traced function too
             frequencies = [float(omega) for omega in structures.natural_frequencies]
         for building, omega in zip(stacks(system.topology), frequencies, strict=True):
             above = [mass for mass, _ in building]
             soft = np.array([float(system.rods[rod].stiffness) for _, rod in building])
-            at_rest = np.cumsum(np.cumsum(masses[above][::-1])[::-1] / soft)
+            carried = np.cumsum(masses[above][::-1])[::-1]
+            at_rest = np.cumsum(carried / soft)
+            heaviest = max(heaviest, masses[above].max() * (len(above) > 2))
+            for (_, rod), k, on_top in zip(building, soft, carried, strict=True):
+                if (law := hysteresis_of(system.rods[rod].material)) is not None:
+                    force = k * float(law.yield_displacement), on_top, carried[0]
+                    strengths.append(_strength(places[rod], *(np.array(force) * scales.force)))
             # Rods are stiffer in vibration, by Rayleigh's quotient of this shape.
             weights = masses[above] * at_rest
             stiffer = omega**2 * (weights @ at_rest) / weights.sum()
@@ -110,6 +136,9 @@ class _Floors(NamedTuple):
             moved=moved * float(scales.length),
             periods=2 * np.pi * np.sqrt(masses / stiffnesses) * time,
             first_periods=tuple(2 * math.pi / omega * time for omega in frequencies),
+            heaviest=heaviest * mass,
+            inertance=max((float(x.inertance) for _, x in inerters), default=0.0) * mass,
+            strengths=strengths,
         )
 
     def doubts(self) -> Iterator[str]:
@@ -128,7 +157,35 @@ class _Floors(NamedTuple):
                     f"building {number}: natural period = {period:.4g} s should be "
                     f"{USUAL_PERIOD.rule}: is it a period in s, mass in kg and stiffness in N/m?"
                 )
-                return
+                break
+        if self.inertance > (most := MOST_INERTANCE * self.masses.sum()):
+            yield (
+                f"inertance = {self.inertance:.4g} kg should be at most {most:.4g} kg, "
+                f"{MOST_INERTANCE:g} times the mass of all floors: is it in kg?"
+            )
+
+    def size(self) -> list[str]:
+        """A finding in the heaviest floor."""
+        light = self.masses.max() < LEAST_MASS and max(self.first_periods) > MODEL_PERIOD
+        if not light and self.heaviest <= MOST_MASS:
+            return []
+        mass = self.masses.max() if light else self.heaviest
+        return [
+            f"the heaviest floor, of {mass:.4g} kg, should be between {LEAST_MASS:g} and "
+            f"{MOST_MASS:g} kg: are masses in kg, neither in t nor weights in kN or N?"
+        ]
+
+
+def _strength(place: str, force: float, carried: float, whole: float) -> str:
+    """A finding if a storey's force at yield is out of proportion to the weights; in N."""
+    low, high = STRENGTH[0] * carried, STRENGTH[1] * whole
+    if low <= force <= high:
+        return ""
+    return (
+        f"{place}: the force at yield, {force:.4g} N, should be between {low:.4g} N, "
+        f"{STRENGTH[0] * 100:g} % of the weight above, and {high:.4g} N, {STRENGTH[1]:g} times the "
+        "building's weight: is it in N, or as a coefficient not in %, and masses in kg?"
+    )
 
 
 def _links(

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxpound._checks import instance, is_whole
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import check, like, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import Inerter, VelocityFriction
-from jaxpound.model.places import link_place
+from jaxpound.model.places import homes, link_place
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import (
@@ -25,6 +25,7 @@ from jaxpound.model.system import (
     as_tuple,
     check_link,
     faces_of,
+    is_closable,
     require_face,
     without_dampers,
 )
@@ -208,7 +209,8 @@ def floor_links(
     """Equal links between neighbouring buildings at every common floor.
 
     Raises ``ValueError`` if there are fewer than two buildings, neighbours have no common floor, or
-    ``building`` has no neighbour on its right.
+    ``building`` has no neighbour on its right. Warns (``PlausibilityWarning``) of floors up to the
+    lower roof that get no gap: a ``FloorLink`` with ``next_floor`` joins floors that differ.
 
     Parameters
     ----------
@@ -241,21 +243,60 @@ def floor_links(
     if building is not None and not (is_whole(building) and 0 <= building <= last):
         rule = f"must be from 0 to {last}, a building with another on its right"
         raise InvalidInput("floor_links", "building", repr(building), rule)
-    links: list[FloorLink] = []
-    for i, (left, right) in enumerate(pairwise(buildings)):
-        if building not in (None, i):
-            continue
-        common = common_floors(left, right)
-        if not common:
-            name, rule = f"buildings {i + 1} and {i + 2}", "must have floors at the same height"
-            raise InvalidInput("floor_links", name, "", rule)
-        links += [FloorLink(i, *floors, friction, gap, contact) for floors in common]
-    return tuple(links)
+    lefts = range(last + 1) if building is None else [building]
+    common = meeting_floors("floor_links", buildings, lefts, gap)
+    return tuple(FloorLink(*floors, friction, gap, contact) for floors in common)
 
 
 _SLAB = 0.2
 """Largest difference in height of floors that meet, m: about the thickness of a slab. In models
 with low storeys it is a quarter of a storey."""
+
+
+def meeting_floors(
+    owner: str, buildings: Sequence[Any], lefts: Iterable[int], gap: Any
+) -> list[tuple[int, int, int]]:
+    """Each building on the left of a gap with its common floors; warns of floors without one."""
+    meeting, alone = list[tuple[int, int, int]](), list[str]()
+    for i in lefts:
+        pair = buildings[i : i + 2]
+        if not (common := common_floors(*pair)):
+            rule = f"must have floors at the same height, within {_SLAB} m; next_floor joins others"
+            raise InvalidInput(owner, f"buildings {i + 1} and {i + 2}", "", rule)
+        meeting += [(i, *floors) for floors in common]
+        if all(isinstance(building, ShearBuilding) for building in pair):
+            roof = min(building.elevations[-1] for building in pair)
+            for side, building in enumerate(pair):
+                joined = {floors[side] for floors in common}
+                below = np.flatnonzero(building.elevations <= roof)
+                floors = ", ".join(str(j + 1) for j in below if j not in joined)
+                alone += [f"{floors} of building {i + side + 1}"] * bool(floors)
+    if alone and any(map(is_closable, gap if isinstance(gap, tuple | list) else [gap])):
+        finding = (
+            f"floors {' and '.join(alone)} have no floor of the neighbour within {_SLAB} m and "
+        )
+        warn(owner, [f"{finding}are not checked for pounding; next_floor joins others"], False)
+    return meeting
+
+
+def checked_floors(topology: Topology | None, gaps: Sequence[Any]) -> str:
+    """Of how many floors of neighbours gaps tell, in words; empty if it is of all.
+
+    Of two buildings that links with gaps join it counts the floors of that with fewer. ``gaps`` are
+    numbers or arrays by link, infinite or empty without a gap.
+    """
+    home = homes(topology) if topology else {}
+    sizes, walls = Counter(building for building, _ in home.values()), set[Ends]()
+    joined: dict[tuple[int, ...], set[Ends]] = {}
+    for ends, gap in zip(topology.links if home and topology else (), gaps, strict=False):
+        if np.any(np.isfinite(np.asarray(gap, float))):
+            floors = {home[end] for end in ends if end != GROUND}
+            pair = tuple(sorted({building for building, _ in floors}))
+            (joined.setdefault(pair, set()) if len(pair) > 1 else walls).update(floors)
+    lower = {pair: min(pair, key=sizes.__getitem__) for pair in joined}
+    n = sum(b == lower[pair] for pair, x in joined.items() for b, _ in x | walls)
+    whole = sum(sizes[b] for b in lower.values())
+    return "" if n == whole else f", of {n} of {whole} floors (the others have no gap)"
 
 
 def common_floors(left: Any, right: Any) -> list[tuple[int, int]]:

@@ -18,6 +18,7 @@ from jaxpound._extrema import larger, smaller
 from jaxpound._fields import part, pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places, mass_places, rod_places
+from jaxpound.model.row import checked_floors
 from jaxpound.model.topology import Topology
 from jaxpound.quantities import column, unit
 from jaxpound.results import elements
@@ -164,6 +165,11 @@ class Demand(ByElement, Columnar, Shown):
         return jnp.where(jnp.isnan(gap), jnp.nan, (gap <= 0).astype(gap.dtype))
 
     @property
+    def checked_floors(self) -> str:
+        """Of how many floors ``pounds`` tells, in words; empty if it is of all."""
+        return checked_floors(self.topology, [link.min_gap for link in self.links])
+
+    @property
     def collapsed(self) -> Any:
         """1.0 where a rod has collapsed, else 0.0; None where no rod yields."""
         each = [rod.collapsed for rod in self.rods if rod.collapsed is not None]
@@ -220,11 +226,12 @@ class Demand(ByElement, Columnar, Shown):
             if not is_valid:
                 return TextTable(f"{title} ({unit_words}): an invalid run, every result is NaN")
             numbers = [(name, x, *units[name]) for name, x in scalars.items()]
-            return TextTable(f"{title} ({unit_words})", (), rows or numbers, digits=8)
+            notes = [f"pounds: {words[2:]}"] if (words := self.checked_floors) and not rows else []
+            return TextTable(f"{title} ({unit_words})", (), rows or numbers, notes, digits=8)
         pounds, notes = scalars.pop("pounds", None), []
         if pounds is not None:
             share = f"{int(np.count_nonzero(pounds == 1)):,} of {is_valid.sum():,}"
-            notes.append(f"pounding in {share} valid runs")
+            notes.append(f"pounding in {share} valid runs{self.checked_floors}")
         if not is_valid.all():
             notes.append(f"{(~is_valid).sum():,} invalid, with NaN for every result")
         ranges: list[tuple[Any, ...]] = []

@@ -302,7 +302,7 @@ class Response(ByElement, Columnar, Shown):
         rows = [("time", f"{steps}, until {time[-1]:.6g} {second}")]
         if d.links:
             closest = f"{d.min_gap:.6g} {length} at {d.min_gap_time:.6g} {second}"
-            rows.append(("min gap", closest + ("   POUNDS" if d.pounds else "")))
+            rows.append(("min gap", closest + ("   POUNDS" if d.pounds else "") + d.checked_floors))
         accelerations = f"{_largest('a', d.flat('peak_acceleration'))} {acceleration}"
         rows += [
             ("displacement", f"{_largest('x', d.flat('peak_x'))} {length}"),

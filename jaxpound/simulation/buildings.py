@@ -200,7 +200,7 @@ def _respond(
     response = respond(owner, structures, shaking, grid, scheme, strict)
     in_si = scales.to_si(response)
     links = [dataclasses.replace(x, gap=x.gap * scales.length) for x in structures.system().links]
-    findings = excessive(record, response.demand.pga, "record")
+    findings = excessive(record, response.demand.pga, "record", si=True)
     findings += implausible_links(links, in_si.demand, names, gaps=False)
     warn(owner, findings, strict)
     return in_si

@@ -76,7 +76,8 @@ def simulate(
     initial
         Displacements and velocities at t = 0; by default all is at rest.
     strict
-        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``.
+        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``, also one that came when a
+        record of the ground motion was made.
 
     Raises
     ------
@@ -94,7 +95,8 @@ def simulate(
         If the grid has fewer than 8 steps a period of the shortest wavelet, or is coarser than a
         record and loses more than 1 % of its energy; if more than 10 % of the motion's energy comes
         after the end of the grid (a function of t is not checked for either); if the energy balance
-        of ``simulate`` leaves more than 3 % of the energy put in; if a record has a PGA above 5 g;
+        of ``simulate`` leaves more than 3 % of the energy put in; if a record has a PGA above 5 g,
+        or for ``Buildings`` any other ground motion one above 2 g;
         if the gap is more than 100 times the peak displacements of both its ends together, or a
         penetration more than a quarter of them; if contact is run in single precision.
 
@@ -225,7 +227,8 @@ def _prepare(
         enforce("initial", initial_rules(initial, system, grid.dt))
     traceable = as_run(ground, scheme.finest(grid), gravity_of(structures))
     if not is_traced((structures, traceable)):
-        warn(owner, unseen(ground, grid) + imprecise(system, traceable), strict)
+        findings = unseen(ground, grid, strict=strict) + imprecise(system, traceable)
+        warn(owner, findings, strict)
     return traceable
 
 
@@ -302,7 +305,8 @@ def _warn_of_results(
     if is_traced((structures, demand)):
         return
     single_link_names = ("initial_gap", "contact") if hasattr(structures, "initial_gap") else None
-    findings = excessive(ground, demand.pga / (gravity_of(structures) or 1.0))
+    gravity = gravity_of(structures)
+    findings = excessive(ground, demand.pga / (gravity or 1.0), si=gravity is not None)
     findings += implausible_links(structures.system().links, demand, single_link_names)
     warn(owner, findings, strict)
 

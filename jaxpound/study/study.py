@@ -15,6 +15,7 @@ from jaxpound._checks import is_whole, not_negative, number, require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import TextTable
 from jaxpound.model.places import link_places
+from jaxpound.model.row import checked_floors
 from jaxpound.model.topology import Topology
 from jaxpound.quantities import column
 from jaxpound.results.elements import of_link, without_idle_dampers
@@ -114,6 +115,12 @@ class Study(DemandColumns):
 
     # Pounding.
 
+    @property
+    def checked_floors(self) -> str:
+        """Of how many floors ``pounding`` tells, in words; empty if it is of all."""
+        names = [of_link("min_gap", k, self.n_links) for k in range(self.n_links)]
+        return checked_floors(self.topology, [self.finite(name) for name in names])
+
     def pounding(self, gap: float | None = None, *, link: int | None = None) -> np.ndarray:
         """Whether there was pounding in each run, shape (n,): 1 or 0, NaN where the run failed.
 
@@ -156,6 +163,7 @@ class Study(DemandColumns):
         im = self[intensity]
         if demand is None:
             pounding, event = self.pounding(gap, link=link), Fragility.event
+            event += self.checked_floors if link is None else ""
         else:
             if threshold is None or gap is not None or link is not None:
                 rule = "must have a threshold, and no gap or link"

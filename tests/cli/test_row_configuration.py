@@ -195,3 +195,15 @@ def test_a_faulty_row(text, says, pulse, tmp_path, capsys):
     line = refusal(capsys, "simulate", "--record", pulse, "--config", path, "--out", out)
     assert line.startswith(f"jaxpound: error: {path}: ")
     assert says in line
+
+
+def test_common_floors_without_a_partner_are_told_of_once():
+    rod = "order = 1.0, tau_f = 1e-5, tau_x = 5e-3"
+    tables = [
+        f"[[building]]\nstoreys = {{masses = {m}, stiffnesses = 5e8, {rod}, heights = {h}}}\n"
+        for m, h in (([3e5] * 3, [4.0, 3.2, 3.2]), ([3e5] * 2, [4.0, 3.6]))
+    ]
+    rule = r'^configuration: floors = "common": floors 2 of building 1 and 2 of building 2 have no'
+    with pytest.warns(jp.PlausibilityWarning, match=rule) as told:
+        layout = layout_of("".join(tables) + "[[link]]\nfloors = 'common'\ngap = 0.1\n")
+    assert len(told) == len(layout.si.links) == 1

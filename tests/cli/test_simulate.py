@@ -267,7 +267,7 @@ def test_a_truncated_record(el_centro, tmp_path, capsys):
 def test_implausible_input_is_one_warning_a_line_or_refused(write, pulse, tmp_path, capsys):
     moved = "gap = 10 m should be at most 5 times what the buildings move"
     for changes, finding in (
-        ("scale -> pga = 6", "record: PGA = 6 g should be at most 5 g"),
+        ("scale -> pga = 6", "record: PGA = 6 g should be at most 2 g"),
         ("gap = 10 & scale = 1e-3", moved),
     ):
         odd, out = write(f'{changes} & series = "none"'), tmp_path / finding[:3]

@@ -211,3 +211,36 @@ test_a_design_is_judged_before_its_search = refusals(
     of=design,
     before="^design_damper: ",
 )
+
+
+FINE = jp.TimeGrid(0.01, 410)
+FRAMES = [jp.ShearBuilding.from_period(n, 3e5, 0.3 * n, 0.05) for n in (1, 2)]
+BURST = 0.2 * np.sin(3 * T) * np.exp(-((T - 2) ** 2))
+LOUD_ONE = "^simulate: ground: PGA = {} g should be at most 2 g: are the units right"
+
+
+@pytest.mark.parametrize(
+    ("ground", "pga"),
+    [
+        (jp.Ricker(0.35, 0.6, 1.5), r"5\.871"),
+        (jp.Pulse(5.0, 1.0, 2.0, time_unit="s"), r"2\.9\d+"),
+        (jp.Record(BURST, 0.1).scaled_to_pga(3.43).resampled(0.05), r"3\.43"),
+        (20 * jp.Record(BURST, 0.1), r"3\.396"),
+    ],
+    ids=["wavelet", "pulse", "stated", "factor"],
+)
+def test_a_run_in_si_is_of_earthquakes_below_two_g(ground, pga):
+    frames = jp.Buildings(tuple(FRAMES))
+    with pytest.warns(jp.PlausibilityWarning, match=LOUD_ONE.format(pga)):
+        jp.simulate(frames, ground, FINE)
+    jp.simulate(frames, jp.Record(20 * BURST, 0.1), FINE)  # a measured one has had 2.7 g
+
+
+@pytest.mark.parametrize("arguments", [(np.tile(BURST, 4), 10.0), (np.tile(20 * BURST, 4), 0.02)])
+def test_a_doubtful_record_is_refused_by_strict_runs_of_all_that_is_made_of_it(arguments):
+    with pytest.warns(jp.PlausibilityWarning, match="^Record: .*(dt = 10 s|no unit is stated)"):
+        record = jp.Record(*arguments)
+    rule = "simulate_row: .*(dt = 10 s should be between 0.0001 and 0.1 s|no unit is stated)"
+    for made in (record, record.scaled_to_pga(0.3), record.baseline_corrected()):
+        refused(rule, jp.simulate_row, FRAMES, (), made, strict=True)
+    refused("simulate: .*", jp.simulate, jp.Buildings(tuple(FRAMES)), record, FINE, strict=True)

@@ -106,6 +106,17 @@ SOFT = jp.ShearBuilding((replace(STOREY, stiffness=1e5),))
 test_refused = refusals(
     (jp.Bilinear, 0.0, r"Bilinear: yield_displacement = 0 must be positive and finite"),
     (jp.Bilinear, 0.1, 1.5, r"hardening = 1.5 must be between -1 and 1"),
+    (
+        jp.BoucWen,
+        0.1,
+        0.0,
+        2,
+        0.5,
+        0,
+        0,
+        0.05,
+        r"ultimate_displacement = 0.05 must be at least yie",
+    ),
     (jp.Bilinear, 0.1, -0.1, r"ultimate_displacement = inf must be finite where hardening is neg"),
     (jp.BoucWen, 0.1, 0.0, 0.5, r"BoucWen: exponent = 0.5 must be finite and at least 1$"),
     (jp.base_shear_coefficient, 0.5, "DCX", r"ductility_class = 'DCX' must be a class"),

@@ -155,6 +155,7 @@ test_bad_bearings_are_refused = refusals(
     (PENDULUM, 2.0, 1.5, r"^FrictionPendulum: friction = 1.5 must be between 0 and 1 "),
     (PENDULUM, 2.0, 0.06, 0.05, r"fast_friction = 0.05 must be at least friction, and at most 1"),
     (PENDULUM, 2.0, 0.06, 1.5, r"fast_friction = 1.5 must be at least friction, and at most 1"),
+    (PENDULUM, 2.0, 0.06, None, 30.0, r"rate = 30.0 must not be given without fast_friction: fric"),
     (PENDULUM, 2.0, 0.06, 0.1, 0.0, f"^FrictionPendulum: rate = 0 {NOT_POSITIVE}"),
     (PENDULUM, 2.0, 0.06, 0.1, 0.02, r"rate = 0.02 must be between 1 and 10000 s/m"),
     (SLIDING.damping_ratio, 0.0, f"^FrictionPendulum.{UNMOVED} {NOT_POSITIVE}"),

@@ -112,3 +112,63 @@ test_numbers_that_no_building_has_are_refused = refusals(
     (ROW, pair(), STRONG, rf"{OF_ROW}\.friction = 1e\+12 must be between 0 and 1e\+10 N"),
     (PAIR, *pair(), None, 0.1, rf"friction_force = None {NO_NUMBER}"),
 )
+
+
+def storeys(mass=300e3, period=0.5, n=3):
+    return jp.ShearBuilding.from_period(n, mass, period, 0.05)
+
+
+HEAVIEST = r"the heaviest floor, of {} kg, should be between 9000 and 1e\+07 kg"
+AT_YIELD = r"storey {} of building 1: the force at yield, {} N, should be between {}"
+LIGHT, SHORT_ONE = HEAVIEST.format(300), storeys(period=0.3, n=2)
+OF_UNITS = {
+    "masses in t": (storeys(300.0), storeys(250.0), LIGHT),
+    "weights in kN": (storeys(2942.0), storeys(2452.0), HEAVIEST.format(2942)),
+    "weights in N": (storeys(1.1e7), storeys(9.81e6), HEAVIEST.format(r"1\.1e\+07")),
+    "a force in kN": (
+        storeys().yielding(yield_force=3000.0),
+        AT_YIELD.format(1, 3000, "4.413e.04"),
+    ),
+    "forces in kN": (
+        SHORT_ONE.yielding(yield_force=[800.0, 500.0]),
+        AT_YIELD.format(1, 800, "2.9"),
+    ),
+    "half a newton": (storeys().yielding(yield_force=0.5), AT_YIELD.format(1, 0.5, "4.413e.04")),
+    "a tera": (
+        storeys().yielding(yield_force=1e12),
+        AT_YIELD.format(1, "1e.12", r"4.* 2\.648e.07"),
+    ),
+    "a coefficient in %": (
+        storeys().yielding(base_shear_coefficient=12),
+        AT_YIELD.format(1, ".*", 4),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", OF_UNITS.values(), ids=OF_UNITS)
+def test_masses_and_strengths_in_a_wrong_unit_are_told_of(case):
+    *buildings, message = case
+    with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {message}") as told:
+        jp.Buildings(tuple(buildings))
+    assert len(told) == 1
+    refused(f"^simulate_row: {message}", jp.simulate_row, buildings, (), RECORD, strict=True)
+
+
+def test_a_huge_inertance_is_told_of():
+    inerter = jp.FloorLink(0, 0, inerter=jp.Inerter(1e12))
+    message = r"inertance = 1e\+12 kg should be at most 9e\+06 kg, 10 times the mass of all floors"
+    with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {message}"):
+        jp.Buildings(tuple(pair()), (inerter,))
+
+
+def test_real_buildings_of_all_sizes_are_not_told_of():
+    """The suite makes errors of warnings: sheds, a footbridge, towers, a silo, a tuned mass."""
+    jp.Buildings((storeys(10e3, 0.3, 1), storeys(10e3, 1.1, 3)))  # the least that a floor may weigh
+    for mass, period in ((25e3, 0.5), (3e6, 0.7)):
+        jp.Buildings((jp.Building.from_period(mass, period, 0.01),))
+    tower = storeys(5e6, 6.0, 60)
+    jp.Buildings((tower.yielding(base_shear_coefficient=0.03), storeys(2e6, 1.0, 8)))
+    jp.Buildings((jp.tuned_mass_damper(jp.Building.from_period(3e8, 6.8, 0.01), 0.01),))
+    weak = storeys(n=2).yielding(yield_force=0.5 * 2 * 300e3 * 9.81)  # the same on both storeys
+    for bearing in (jp.FrictionPendulum(2.24, 0.05, 0.08, 50.0, 0.4), jp.LeadRubber(2.5, 0.03)):
+        jp.Buildings(jp.isolated(weak, bearing, 350e3)[:1])

@@ -4,10 +4,12 @@ from functools import partial
 
 import jax
 import numpy as np
+import pytest
 
 import jaxpound as jp
 from jaxpound import FloorLink, Rod, Row, Storeys
 from jaxpound.model import parameters
+from jaxpound.model.row import checked_floors
 from tests.refusals import refusals, refused
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
@@ -100,3 +102,33 @@ test_bad_input = refusals(
     (lambda: Row((jp.paper.structures(),)), "Row: buildings.0 = .* must be .*Storeys"),
     (lambda: jp.System((1.0,), (ROD,)), "rods.0.ends = None must be two masses, or GROUND"),
 )
+
+
+def test_floors_without_a_partner_are_told_of_and_verdicts_say_of_how_many_they_are():
+    first, roof = [4.0, 3.2, 3.2], [4.0, 3.6]
+    high, low, flat = (
+        jp.ShearBuilding.from_period(len(h), 3e5, 0.5, 0.05, height=h)
+        for h in (first, roof, [1.5, 1.5])
+    )
+    alone = "2 of building 1 and 2 of building 2 and 2 of building 2 and 2 of building 3"
+    rule = rf"^floor_links: floors {alone} have no .* within 0\.2 m and are not checked"
+    with pytest.warns(jp.PlausibilityWarning, match=rule) as told:
+        links = jp.floor_links((high, low, high), gap=0.06)
+    assert [(len(told), told[0].filename)] == [(1, __file__)]
+    jp.floor_links((high, low), friction=1e5)  # dampers are where they are
+    refused("within 0.2 m; next_floor joins others", jp.floor_links, (high, flat), gap=0.1)
+    grid, ground = jp.TimeGrid(0.005, 200), jp.Ricker(0.01, 0.5, 0.5)
+    words = "of 2 of 4 floors (the others have no gap)"
+    demand = jp.demand(jp.Buildings((high, low, high), links), ground, grid)
+    assert repr(demand).endswith(f"pounds: {words}")
+    assert f", {words}" in repr(jp.simulate(jp.Buildings((high, low, high), links), ground, grid))
+    whole = (*links, jp.FloorLink(0, 1, 1, gap=0.06), jp.FloorLink(1, 1, 1, gap=0.06))
+    demand = jp.demand(jp.Buildings((high, low, high), whole), ground, grid)
+    assert demand.checked_floors == ""
+    assert "no gap" not in repr(demand)
+
+
+def test_a_floor_behind_a_wall_is_checked():
+    topology = jp.Row((HIGH, HIGH), (jp.FloorLink(0, 1, gap=0.1),)).system().topology
+    assert checked_floors(topology, [0.1]).startswith(f", of 1 of {HIGH.n_floors} floors")
+    assert checked_floors(topology, [np.inf]) == ""

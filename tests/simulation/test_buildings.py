@@ -144,7 +144,7 @@ DEEP = r"contact: the penetration, 0\.\d+ m, should be at most 0\.25 "
 def test_implausible_input_is_told_in_si():
     soft = {"friction_force": 0.0, "gap": 0.0, "contact": jp.KelvinVoigt(10.0, 0.65)}
     for record, changes, *messages in (
-        (RECORD.scaled_to_pga(7.0), {}, "record: PGA = 7 g should be at most 5 g"),
+        (RECORD.scaled_to_pga(7.0), {}, "record: PGA = 7 g should be at most 2 g"),
         (RECORD, {"gap": 5.0}, MOVES),
         (RECORD, soft, SOFT, DEEP),
     ):
