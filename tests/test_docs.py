@@ -182,7 +182,9 @@ def test_the_glossary_and_the_bibliography_are_in_order():
     assert len(terms) > 30
     assert terms == sorted(set(terms), key=str.lower)
     title = "Dynamics of adjacent structures during horizontal ground motion"
-    earlier_title = "Earthquake response of adjacent structures with viscoelastic and friction dampers"
+    earlier_title = (
+        "Earthquake response of adjacent structures with viscoelastic and friction dampers"
+    )
     files = ROOT / "README.md", ROOT / "CITATION.cff", PACKAGE / "paper.py", DOCS / "model.md"
     for file in (*files, DOCS / "bibliography.md"):
         text = " ".join(file.read_text(encoding="utf-8").split())

@@ -94,7 +94,7 @@ def elasticities(
     else:
         ensemble = Ensemble.of([ground], grid)
         findings = unseen(ground, grid) + excessive(ground, pga(ground, grid))
-    warn(owner, imprecise(system, ensemble.grounds) + findings, strict)
+    warn(owner, imprecise(system, grid, ensemble.grounds) + findings, strict)
     parameters = {path: float(get(structures, path)) for path in paths(structures)}
     certain = parameters.keys() - ensemble.uncertain.keys()  # and a gap may be infinite
     variables = {path: x for path, x in parameters.items() if path in certain and np.isfinite(x)}

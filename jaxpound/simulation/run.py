@@ -96,7 +96,8 @@ def simulate(
         after the end of the grid (a function of t is not checked for either); if the energy balance
         of ``simulate`` leaves more than 3 % of the energy put in; if a record has a PGA above 5 g;
         if the gap is more than 100 times the peak displacements of both its ends together, or a
-        penetration more than a quarter of them; if contact is run in single precision.
+        penetration more than a quarter of them; if contact is run in single precision; if dt is
+        more than four times c/K of a viscous damper (``PowerLaw``) on its brace, c = F/v.
 
     Examples
     --------
@@ -225,7 +226,7 @@ def _prepare(
         enforce("initial", initial_rules(initial, system, grid.dt))
     traceable = as_run(ground, scheme.finest(grid), gravity_of(structures))
     if not is_traced((structures, traceable)):
-        warn(owner, unseen(ground, grid) + imprecise(system, traceable), strict)
+        warn(owner, unseen(ground, grid) + imprecise(system, grid, traceable), strict)
     return traceable
 
 
