@@ -1,9 +1,9 @@
 """The paper's numerical example, with h = κ = .002 on [0, 20].
 
-The paper is Žigić and Grahovac, "Earthquake response of adjacent structures with viscoelastic and
-friction dampers". Its ground motion reaches 22 g, which no earthquake does. The system is
-homogeneous, so that the case is also that of .22 g, μ = .0025 and a gap of .01 g/ω1²: every
-displacement and force is then a hundredth, at the same instants.
+The paper is Žigić and Grahovac, "Dynamics of adjacent structures during horizontal ground motion".
+Its ground motion reaches 22 g, which no earthquake does. The system is homogeneous, so that the
+case is also that of .22 g, μ = .0025 and a gap of .01 g/ω1²: every displacement and force is then a
+hundredth, at the same instants.
 """
 
 from __future__ import annotations

@@ -157,8 +157,10 @@ class Scales:
         units = self.units
         known: Any = converted(result, lambda q, x: x * units[q.kind] if q.kind else x)
         if isinstance(known, Response):
-            laws = [self.contact_to_si(with_known_units(x.law)) for x in known.links]
-            links = tuple(map(lambda x, law: dataclasses.replace(x, law=law), known.links, laws))
+            to_si = self.contact_to_si
+            laws = [(with_known_units(x.law), x.velocity_friction) for x in known.links]
+            both = [{"law": to_si(x), "velocity_friction": to_si(y)} for x, y in laws]
+            links = tuple(map(lambda x, y: dataclasses.replace(x, **y), known.links, both))
             demand = dataclasses.replace(known.demand, si=True)
             known = dataclasses.replace(known, demand=demand, links=links)
         return dataclasses.replace(known, si=True)

@@ -181,14 +181,21 @@ def test_the_glossary_and_the_bibliography_are_in_order():
     terms = re.findall(r"^(\S.*)$", body.partition("\n```")[0], re.M)
     assert len(terms) > 30
     assert terms == sorted(set(terms), key=str.lower)
-    title = "Earthquake response of adjacent structures with viscoelastic and friction dampers"
-    pages = DOCS / "model.md", DOCS / "bibliography.md"
-    for place in (ROOT / "CITATION.cff", PACKAGE / "paper.py", *pages):
-        text = " ".join(place.read_text(encoding="utf-8").split())
-        assert title in text, place.name
-        assert "Grahovac" in text, place.name
-    first, *others = BIBLIOGRAPHY
-    assert first.startswith("Žigić")
+    title = "Dynamics of adjacent structures during horizontal ground motion"
+    earlier_title = (
+        "Earthquake response of adjacent structures with viscoelastic and friction dampers"
+    )
+    files = ROOT / "README.md", ROOT / "CITATION.cff", PACKAGE / "paper.py", DOCS / "model.md"
+    for file in (*files, DOCS / "bibliography.md"):
+        text = " ".join(file.read_text(encoding="utf-8").split())
+        assert title in text, file.name
+        assert "Grahovac" in text, file.name
+        assert earlier_title not in text.partition(title)[0], file.name
+    first, earlier, *others = BIBLIOGRAPHY
+    for entry, its_title in ((first, title), (earlier, earlier_title)):
+        assert entry.startswith("Žigić")
+        assert f"*{its_title}*" in entry
+    assert "earlier paper" in earlier
     form = r"[^:*]+ \((18|19|20)\d\d\): \*[^*]+\*( \(in Russian\)|, \w+ edition)?\. "
     for entry in others:
         assert re.match(form, entry)

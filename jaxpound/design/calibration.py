@@ -145,7 +145,7 @@ def calibrate(
     require_time_unit("ground", ground, si=gravity_of(space.nominal) is not None)
     shaking = as_pytree(ground, grid)
     if strict:  # before the time for the fit is spent
-        warn(owner, unseen(ground, grid, strict=strict) + imprecise(system, shaking), strict)
+        warn(owner, unseen(ground, grid, strict=strict) + imprecise(system, grid, shaking), strict)
 
     def run(structures: Any, last: bool = False) -> Response:
         response = simulate(structures, shaking, grid, scheme, strict=strict and last)

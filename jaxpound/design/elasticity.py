@@ -98,7 +98,7 @@ def elasticities(
         peak = pga(as_run(ground, grid, gravity), grid) / (gravity or 1.0)
         findings = unseen(ground, grid, strict=strict)
         findings += excessive(ground, peak, si=gravity is not None)
-    warn(owner, imprecise(system, ensemble.grounds) + findings, strict)
+    warn(owner, imprecise(system, grid, ensemble.grounds) + findings, strict)
     parameters = {path: float(get(structures, path)) for path in paths(structures)}
     certain = parameters.keys() - ensemble.uncertain.keys()  # and a gap may be infinite
     variables = {path: x for path, x in parameters.items() if path in certain and np.isfinite(x)}

@@ -174,7 +174,7 @@ class SuiteRuns:
             structures = without_contact(structures)
         self.intensity = Intensity.of(owner, suite, options.measure)
         factors = np.ones(len(suite)) if highest is None else highest / self.intensity.unscaled
-        findings = imprecise(structures.system(), factors)
+        findings = imprecise(structures.system(), grid, factors)
         for record in scaled:
             findings += unseen(record, grid, strict=options.strict)
         if (peaks := suite.pgas * factors).max() > MOST_PGA:

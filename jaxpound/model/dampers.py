@@ -24,7 +24,8 @@ class PowerLaw:
     It is c |v_d|^a sgn v_d with c = F/v^a: for v = 1 m/s, c in N (s/m)^a is the same number as F.
     The dashpot, whose velocity is v_d, is in series with a spring, the stiffness K of the rod: that
     of brace, joints and fluid (Reinhorn et al. 1995; OpenSees' ``ViscousDamper``). The stiffer it
-    is, the closer the rod is to the dashpot alone; the stability limit of the time step falls.
+    is, the closer the rod is to the dashpot alone; the stability limit of the time step falls, and
+    above 4 F/(v K) steps are of first order only, of which a run warns.
 
     Raises ``ValueError`` if a concrete value breaks its rule.
 

@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from scipy.interpolate import CubicHermiteSpline
 
 from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput
-from jaxpound.model.contact import may_pull, with_mass
 from jaxpound.model.places import link_places
-from jaxpound.model.topology import GROUND, elongation, floors
+from jaxpound.model.topology import elongation, floors
 from jaxpound.plots import style as house
+from jaxpound.plots.contact_paths import ContactPath, contact_paths
 from jaxpound.plots.style import COLOURS, label, new_axes
 from jaxpound.results.demand import PLACES
 from jaxpound.results.named import PAIR
@@ -33,6 +32,7 @@ class Curve(NamedTuple):
     label: str
     colour: str
     values: Any
+    times: Any = None  # if they are not the instants
 
 
 def is_pair(response: Response) -> bool:
@@ -84,46 +84,19 @@ def touching(response: Response) -> list[LinkResponse]:
     return [link for link in response.links if link.contact is not None]
 
 
-def contacts(owner: str, response: Response) -> list[Curve]:
-    """Contact force of each link with a law of contact; an ``InvalidInput`` if none has one."""
-    links = touching(response)
-    if not links:
-        raise InvalidInput(owner, "response", "", "must have a link with a law of contact")
-    if len(response.links) == 1:
-        return [Curve("$p$", "pounding", links[0].contact)]
-    return _of_links("$p$", response, [link.contact for link in response.links])
+def contacts(owner: str, response: Response) -> dict[int, tuple[Curve, ContactPath]]:
+    """Contact force of each link with a law of contact, by its number, and its path.
 
-
-def contact_loops(response: Response, link: LinkResponse) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Penetration and contact force along each impact of a link in a single run; [] of a batch.
-
-    Motion between instants is the cubic with their closings and velocities, and those of the touch.
+    An ``InvalidInput`` if no link has one.
     """
-    if response.batch or link.law is None or link.impacts is None:
-        return []
-    inverse = [1 / float(response.masses[end].mass) for end in link.ends if end != GROUND]
-    inertance = sum(float(x.inertance or 0.0) for x in response.links if {*x.ends} == {*link.ends})
-    law = with_mass(link.law, 1 / sum(inverse) + inertance)
-    time = np.asarray(response.time)
-    loops = []
-    for impact in link.impacts.entries(0):
-        end = time[-1] if np.isnan(impact.end) else impact.end
-        first, last = np.searchsorted(time, [impact.time, end], "right")
-        between = slice(first, last + 1)  # up to the instant after
-        motion = CubicHermiteSpline(
-            np.append(impact.time, time[between]),
-            np.append(0.0, -np.asarray(link.gap)[between]),
-            np.append(impact.approach_velocity, np.asarray(link.slip_velocity)[between]),
-        )
-        at = np.linspace(impact.time, end, 60)
-        penetration = np.maximum(motion(at), 0.0)
-        force = np.asarray(law.force(penetration, motion(at, 1), impact.approach_velocity))
-        force = force if may_pull(link.law) else np.maximum(force, 0.0)
-        if not np.isnan(impact.end):  # back to the touch, without a force
-            penetration = np.append(penetration, [penetration[-1], 0])
-            force = np.append(force, [0, 0])
-        loops.append((np.append(0.0, penetration), np.append(0.0, force)))
-    return loops
+    if not (paths := contact_paths(response)):
+        raise InvalidInput(owner, "response", "", "must have a link with a law of contact")
+    forces = [paths[k].force if k in paths else None for k in range(len(response.links))]
+    curves = _of_links("$p$", response, forces)
+    if len(forces) == 1:
+        curves = [curves[0]._replace(colour="pounding")]
+    both = zip(curves, paths.items(), strict=True)
+    return {k: (curve._replace(times=path.time), path) for curve, (k, path) in both}
 
 
 def gaps_of(owner: str, response: Response) -> list[Curve]:
@@ -194,7 +167,8 @@ def over_time(
     series = [*(curve.values for curve in curves), more]
     factor, words = series_axis(response, f"{words} {symbols}", quantity, series)
     for curve in curves:
-        draw_curve(ax, response.time, factor, curve)
+        times = response.time if curve.times is None else curve.times
+        draw_curve(ax, times, factor, curve)
     ax.margins(x=0)
     label(ax, time_label(response), words)
     if len(curves) > 1:

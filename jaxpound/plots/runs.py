@@ -126,15 +126,21 @@ def friction_force(response: Response, ax: Axes | None = None) -> Axes:
 
 @in_house_style
 def contact_force(response: Response, ax: Axes | None = None) -> Axes:
-    """Contact force p of each link with a law of contact over time.
+    """Contact force p of each link with a law of contact over time, also within the steps.
 
-    The line has the force at the instants; in a single run the largest of each impact, which may
-    lie between them, is marked where the impact begins. Impacts by Newton's law have no force: what
-    is drawn then presses blocks together at rest.
+    In a single run the largest force of each impact is marked. Impacts by Newton's law have no
+    force: what is drawn then presses blocks together at rest. Of a user-defined law in other units
+    than the run's there are only the instants; the marks have the largest forces all the same.
     """
-    lines = curves.contacts("contact_force", response)
-    impacts = [] if response.batch else response.impacts()
-    peaks = [(hit.time, hit.peak_force) for hit in impacts if np.isfinite(hit.peak_force)]
+    contacts = curves.contacts("contact_force", response)
+    lines = [curve for curve, _ in contacts.values()]
+    peaks = []
+    for hit in [] if response.batch else response.impacts():
+        if np.isfinite(hit.peak_force):
+            path = contacts[hit.link][1]
+            outside = (path.time < hit.time) | (path.time > hit.end)
+            at = np.argmax(np.where(outside, -np.inf, path.force))
+            peaks.append((hit.time if outside.all() else path.time[at], hit.peak_force))
     times, highest = np.reshape(peaks, (-1, 2)).T
     ax = curves.over_time(response, ax, "contact force", "force", lines, "$p$", highest)
     if peaks:
@@ -172,20 +178,16 @@ def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
 def contact_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
     """Contact force p over penetration δ = −ξ of each link with a law of contact.
 
-    The enclosed area is the energy lost by contact. Of a single run each impact that the response
-    keeps is drawn within the steps too, by the law of contact along the motion between the
-    instants; of a batch, or a user-defined law in SI units, there are only the instants.
+    The enclosed area is the energy lost by contact. Impacts are drawn within the steps too; of a
+    user-defined law in other units than the run's there are only the instants.
     """
     ax = curves.run_axes(response, ax)
-    lines = curves.contacts("contact_hysteresis", response)
+    contacts = curves.contacts("contact_hysteresis", response).values()
+    lines = [curve for curve, _ in contacts]
     series = [curve.values for curve in lines]
     factor, words = series_axis(response, "contact force $p$", "force", series)
-    for link, curve in zip(touching(response), lines, strict=True):
-        loops = curves.contact_loops(response, link)
-        penetration = np.maximum(-np.asarray(link.gap), 0.0)
-        for x, force in loops or [(penetration, curve.values)]:
-            curves.draw_curve(ax, x, factor, curve._replace(values=force))
-            curve = curve._replace(label="_")
+    for curve, path in contacts:
+        curves.draw_curve(ax, path.penetration, factor, curve)
     label(ax, curves.length_label(response, r"penetration $\delta$"), words)
     if len(lines) > 1:
         house.legend(ax, columns=3)
@@ -237,7 +239,8 @@ def overview(response: Response) -> Figure:
     drawings: list[Drawing] = [ground_motion, displacements]
     if any(link.has_damper for link in response.links):
         drawings.append(friction_force)
-    if any(np.any(link.contact != 0) for link in touching(response)):
+    by_law = [x.peak_contact for x in response.demand.links if x.peak_contact is not None]
+    if np.any(by_law):
         drawings.append(contact_force)
     if np.isfinite(response.min_gap).any():
         drawings.append(gap)

@@ -221,7 +221,7 @@ def state_of(
         raise InvalidInput(owner, "gap", repr(gap), "must be None where another demand is given")
     if gap is not None:
         (threshold,) = not_negative(owner, gap=number(owner, "gap", gap))
-    findings = doubts(owner, scenarios)
+    findings = doubts(owner, scenarios, grid)
     state = LimitState(scenarios, grid, scheme, demand, threshold, programs=programs)
     if demand != REQUIRED_GAP:  # whose runs leave laws of contact out
         warn(owner, findings, strict=False)

@@ -84,6 +84,9 @@ class LinkResponse:
     user-defined."""
     slip_force: Any = quantity("force", default=0.0)
     """Slip force of the damper, a number, in fast slip; 0 where the link has none."""
+    velocity_friction: Any = part(default=None)
+    """What the friction gains with the velocity, a ``VelocityFriction`` in the units of the series;
+    None for a link without it."""
     inertia: Any = quantity("force", column="inertia", default=None)
     """Force of the inerter, positive as the friction is. None for a link without one."""
     inertance: Any = quantity("mass", default=None)

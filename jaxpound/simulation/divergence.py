@@ -96,7 +96,7 @@ def growth(
     if gravity_of(structures) is not None:  # the system below knows no unit of time
         ground_motion = sampled(ground_motion, scheme.finest(grid))
     if not is_traced((system, ground_motion)):
-        warn("growth", imprecise(system, ground_motion), strict=False)
+        warn("growth", imprecise(system, grid, ground_motion), strict=False)
     paths = [f"links.{k}.gap" for k in touching]
 
     def state(gaps: list[Any]) -> Any:

@@ -98,7 +98,8 @@ def simulate(
         of ``simulate`` leaves more than 3 % of the energy put in; if a record has a PGA above 5 g,
         or for ``Buildings`` any other ground motion one above 2 g;
         if the gap is more than 100 times the peak displacements of both its ends together, or a
-        penetration more than a quarter of them; if contact is run in single precision.
+        penetration more than a quarter of them; if contact is run in single precision; if dt is
+        more than four times c/K of a viscous damper (``PowerLaw``) on its brace, c = F/v.
 
     Examples
     --------
@@ -227,7 +228,7 @@ def _prepare(
         enforce("initial", initial_rules(initial, system, grid.dt))
     traceable = as_run(ground, scheme.finest(grid), gravity_of(structures))
     if not is_traced((structures, traceable)):
-        findings = unseen(ground, grid, strict=strict) + imprecise(system, traceable)
+        findings = unseen(ground, grid, strict=strict) + imprecise(system, grid, traceable)
         warn(owner, findings, strict)
     return traceable
 

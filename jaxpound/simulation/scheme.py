@@ -11,10 +11,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import enforce, instance, instead, is_traced
+from jaxpound._checks import enforce, instance, instead, is_known_and_single, is_traced
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
+from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.places import rod_places
 from jaxpound.model.system import Structures, System, gravity_of
@@ -154,15 +155,47 @@ def single_system(owner: str, structures: Any) -> System:
     return system
 
 
-def imprecise(system: System, numbers: Any) -> list[str]:
-    """A finding for contact in single precision; ``numbers`` are all others of a run."""
+def imprecise(system: System, grid: TimeGrid, numbers: Any) -> list[str]:
+    """Findings for a viscous damper whose brace steps do not resolve, and for single precision.
+
+    The latter is for contact; ``numbers`` are all others of a run.
+    """
+    findings = _unresolved(system, grid.dt)
     dtype = jnp.result_type(float, *jax.tree.leaves((system, numbers)))
     if dtype == jnp.float64 or all(link.contact is None for link in system.links):
-        return []
+        return findings
     return [
+        *findings,
         f"contact is run in {dtype}, in which forces are off by up to 1e-4 of themselves and "
-        'impacts may be missed: jax.config.update("jax_enable_x64", True) first makes it float64'
+        'impacts may be missed: jax.config.update("jax_enable_x64", True) first makes it float64',
     ]
+
+
+_RESOLVED = 4.0  # steps over c/K from which errors of a damper on its brace are of first order
+_NO_LAG = 2.5e-4  # share of the mass below which they are small
+
+
+def _unresolved(system: System, dt: float) -> list[str]:
+    """A finding for the first rod that is a viscous damper on too stiff a brace for the step.
+
+    Its force lags by half a step, which acts as −c dt/2 of mass (the table on the page on dampers).
+    """
+    for r, rod in enumerate(system.rods):
+        law, masses = rod.material, [system.masses[end] for end in rod.ends or () if end != GROUND]
+        numbers = law, rod.stiffness, masses
+        if not isinstance(law, PowerLaw) or not is_known_and_single(numbers) or not law.force:
+            continue
+        c, stiffness = float(law.force / law.velocity), float(rod.stiffness)
+        lag, steps = c * dt / 2 * sum(1 / float(m) for m in masses), dt * stiffness / c
+        if steps > _RESOLVED and lag > _NO_LAG:
+            return [
+                f"rods.{r}: dt = {dt:.4g} should be at most {_RESOLVED:g} times c/K = "
+                f"{c / stiffness:.4g} of a damper with c = F/v = {c:.4g} on a brace of K = "
+                f"{stiffness:.4g}: its force lags by half a step, an error of first order in dt "
+                f"like {lag:.2%} less mass; take dt below {_RESOLVED * c / stiffness:.3g}, or a "
+                f"softer brace, K below {_RESOLVED * c / dt:.3g}"
+            ]
+    return []
 
 
 def require_stable(structures: Structures, system: System, grid: TimeGrid, scheme: Scheme) -> None:

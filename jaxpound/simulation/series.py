@@ -107,7 +107,7 @@ def _link_response(
     """The series of a link, from the impacts that ended in each step and the last instant."""
     fast = link.velocity_friction
     slip_force = link.friction if fast is None else link.friction + fast.increase
-    entries = dict(series, slip_force=slip_force + 0 * last)
+    entries = dict(series, slip_force=slip_force + 0 * last, velocity_friction=fast)
     if link.inerter is not None:
         entries["inertance"] = link.inerter.inertance + 0 * last
     gap = link.gap - entries.pop("closing")

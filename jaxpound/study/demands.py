@@ -29,14 +29,15 @@ def demands_of(
     return all_demands(structures.system(), demand(structures, ground, grid, scheme))
 
 
-def doubts(owner: str, scenarios: ScenarioSet) -> list[str]:
+def doubts(owner: str, scenarios: ScenarioSet, grid: TimeGrid) -> list[str]:
     """``imprecise`` of the structures of scenarios; a ``ValueError`` if they are a batch."""
     instance(owner, "scenarios", scenarios, ScenarioSet)
+    instance(owner, "grid", grid, TimeGrid)
     findings: list[str] = []
 
     def look(z: jax.Array) -> None:
         system = single_system(owner, scenarios.realize(z)[0])
-        findings.extend(imprecise(system, z))
+        findings.extend(imprecise(system, grid, z))
 
     jax.eval_shape(look, jnp.zeros(scenarios.dimension))
     return findings

@@ -141,7 +141,7 @@ def monte_carlo(
     # Longer than other functions: the parts of a study, in their order, share a dozen values.
     owner = "monte_carlo"
     _check(scenarios, n, grid, scheme, sampling, measures or {})
-    findings = doubts(owner, scenarios)
+    findings = doubts(owner, scenarios, grid)
     structures = structures_of(scenarios)
     scales, pair = scales_for(owner, structures, scales), isinstance(structures, AdjacentStructures)
     if chunk_size is None:  # that of an existing store

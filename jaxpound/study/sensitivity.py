@@ -75,8 +75,7 @@ def sobol_sensitivity(
         Confidence level of the bootstrap intervals.
     """
     owner = "sobol_sensitivity"
-    findings = doubts(owner, scenarios)
-    instance(owner, "grid", grid, TimeGrid)
+    findings = doubts(owner, scenarios, grid)
     instance(owner, "scheme", scheme, Scheme)
     n, key = count(owner, "n", n), seed(owner, "key", key)
     enforce(owner, [Rule("n", n, n >= 2 and n & (n - 1) == 0, "a power of 2, at least 2")])

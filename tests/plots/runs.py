@@ -29,6 +29,7 @@ def paper_run(friction=PAIR.friction):
 
 
 @cache
-def collide(friction):
-    pair = replace(PAIR, friction=friction, initial_gap=0.3, contact=LAW)
+def collide(friction, stiffness=100.0):
+    law = replace(LAW, stiffness=stiffness)
+    pair = replace(PAIR, friction=friction, initial_gap=0.3, contact=law)
     return jp.simulate(pair, GROUND, SHORT)

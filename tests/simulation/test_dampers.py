@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound.simulation.scheme import imprecise
 from tests.simulation import moats
 
 GROUND = jp.Ricker(0.25, [1.6, 2.4], [3.4, 5.6])
@@ -67,6 +68,28 @@ def test_a_linear_dashpot_beside_a_spring_is_a_zener_rod():
     x, force = exact.x1, exact.f1
     np.testing.assert_allclose(ours.x1, x, rtol=0, atol=5e-4 * np.abs(x).max())
     np.testing.assert_allclose(ours.f1 + ours.f2, force, rtol=0, atol=2e-3 * np.abs(force).max())
+
+
+def test_a_run_warns_of_a_brace_that_its_steps_do_not_resolve():
+    """Before it runs, of concrete numbers, where first order shows."""
+
+    def system(force=0.5, brace=4000.0, exponent=1.0):
+        damper = jp.Rod(jp.PowerLaw(force, exponent, velocity=0.5), brace, (1, 0))
+        rods = [jp.Rod(jp.ZenerRod(1.0, 0.02, 0.1), 4.0, ends) for ends in ((0, jp.GROUND), (1, 0))]
+        return jp.System((1.0, 0.5), (*rods, damper))
+
+    grid = jp.TimeGrid(0.01, 10)
+    message = "rods.2: dt = 0.01 should be at most 4 times c/K = 0.00025 .* like 1.50% less mass"
+    for exponent in (1.0, 0.3):
+        with pytest.raises(
+            ValueError, match=f"^demand: .*; {message}.* below 0.001, .* below 400$"
+        ):
+            jp.demand(system(exponent=exponent), GROUND, grid, strict=True)
+    assert imprecise(system(brace=399.0), grid, ()) == []
+    assert imprecise(system(), jp.TimeGrid(0.00099, 10), ()) == []
+    for force in (0.0, 0.004):
+        assert imprecise(system(force=force), grid, ()) == []
+    assert jax.eval_shape(lambda x: imprecise(system(force=x), grid, ()) or x, 0.5).shape == ()
 
 
 def test_the_damper_of_a_link_is_a_rod():

@@ -129,6 +129,13 @@ class LocalFlow:
         after = after._replace(ended=after.ended + self._one_where(ends))
         return self._with_next_length(after, substep.length, event, worst, wrong, regime)
 
+    def within(self, x: FlowState, time: jax.Array) -> jax.Array:
+        """Times, closings and contact forces, (3, f), a ``time`` after a substep's start."""
+        inverse = self.laws.inverse(x.regime)
+        substep, _ = self._substep(x, self._forces(x.y, x.regime, inverse), inverse)
+        y = substep.at(time)
+        return jnp.stack([*y[:2], self._forces(y, x.regime, inverse).contact])
+
     def _middle(
         self, x: FlowState, substep: PowerSeries | Integrated, reached: jax.Array
     ) -> Snapshot:

@@ -1,0 +1,120 @@
+"""The contact of a run within its steps, which may be longer than an impact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._fields import unchecked
+from jaxpound.model.dampers import Inerter
+from jaxpound.model.system import Link, System
+from jaxpound.model.topology import elongation, link_groups
+from jaxpound.results.response import LinkResponse, Response
+from jaxpound.simulation.contact.group import Coupling, coupling
+from jaxpound.simulation.contact.path import path
+from jaxpound.simulation.contact.records import APART, CLIPPED, PRESSED, Contact, FlowInput
+from jaxpound.simulation.inertance import Inerters
+from jaxpound.simulation.state import StepConstants
+
+
+class ContactPath(NamedTuple):
+    """Contact of a link, also within the steps: (points,) each, with a leading axis of a batch."""
+
+    time: Any
+    penetration: Any
+    force: Any
+
+
+def contact_paths(response: Response) -> dict[int, ContactPath]:
+    """The contact of each link with a law of it, by the link's number.
+
+    From an instant to the next it is that of the local flow, under a pull that changes linearly. A
+    law without a force, or of unknown units, has only the instants.
+    """
+    if response.batch:
+        runs = [contact_paths(response[i]) for i in np.ndindex(response.batch)]
+        most = max((path.time.size for run in runs for path in run.values()), default=0)
+
+        def together(*series: np.ndarray) -> np.ndarray:
+            padded = [np.pad(y, (0, most - y.size), "edge") for y in series]
+            return np.reshape(padded, (*response.batch, most))
+
+        return jax.tree.map(together, *runs)
+    time, steps = np.asarray(response.time), _steps(response)
+    paths = {}
+    for k, link in enumerate(response.links):
+        if link.contact is not None:
+            instants = np.stack([time, -np.asarray(link.gap), np.asarray(link.contact)])
+            of_link = steps.get(k, {})
+            alone = [m for m in range(time.size) if not {m - 1, m} & of_link.keys()]
+            of_link |= {m: instants[:, [m]] for m in alone}
+            times, depth, force = np.concatenate([of_link[m] for m in sorted(of_link)], axis=1)
+            paths[k] = ContactPath(times, np.maximum(depth, 0.0), force)
+    return paths
+
+
+def _steps(response: Response) -> dict[int, dict[int, np.ndarray]]:
+    """Times, penetrations and forces, (3, points), by link and number of the instant before."""
+    topology, masses = response.topology, tuple(mass.mass for mass in response.masses)
+    x, inverse = [mass.x for mass in response.masses], tuple(1 / jnp.asarray(m) for m in masses)
+    links = tuple(
+        unchecked(
+            Link,
+            ends=link.ends,
+            friction=link.slip_force - getattr(link.velocity_friction, "increase", 0.0),
+            gap=link.gap[0] + elongation(link.ends, x)[0],
+            contact=link.law,
+            velocity_friction=link.velocity_friction,
+            inerter=None if link.inertance is None else Inerter(link.inertance),
+        )
+        for link in response.links
+    )
+    inerters = Inerters.of(unchecked(System, masses=masses, rods=(), links=links), inverse)
+    constants = StepConstants(topology, inverse, (), (), (), (), {}, inerters, 0)
+    loads = topology.loads([rod.force for rod in response.rods])
+    pulls = jax.vmap(constants.link_pulls)(loads, response.ground_acceleration)
+    steps: dict[int, dict[int, np.ndarray]] = {}
+    for group in link_groups(topology):
+        if any(links[k].contact for k in group.links):
+            of_group, _ = coupling(topology, group, links, inverse, inerters)
+            pull = jnp.stack([pulls[k] for k in group.links], -1)
+            of_links = [response.links[k] for k in group.links]
+            for m, points in _flows(response.time, of_links, of_group, pull, group.faces):
+                for j, k in enumerate(group.links):
+                    if links[k].contact:
+                        steps.setdefault(k, {})[m] = points[:, :, j].T
+    return steps
+
+
+def _flows(
+    time: Any, links: Sequence[LinkResponse], group: Coupling, pull: Any, faces: tuple[int, ...]
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Numbers of the instants before contact, and the paths to the next, (points, 3, f)."""
+
+    def series(name: str) -> np.ndarray:
+        of_each = (getattr(link, name) for link in links)
+        return np.stack([np.zeros(len(time)) if y is None else y for y in of_each], -1)
+
+    depth, velocity, force = -series("gap"), series("slip_velocity"), series("contact")
+    modes = np.where(depth <= 0, APART, np.where(force == 0, CLIPPED, PRESSED))
+    met, gaps = series("touching").max(-1), group.gaps
+    contact = Contact(*[0 * gaps] * len(Contact._fields))
+    for m in np.flatnonzero(np.maximum(met[1:], met[:-1])).tolist():
+        inputs = FlowInput(
+            closing=gaps + depth[m],
+            velocity=velocity[m],
+            pull=(pull[m] + pull[m + 1]) / 2,
+            rise=pull[m + 1] - pull[m],
+            delassus=group.delassus,
+            friction=group.frictions,
+            gap=gaps,
+            laws=group.laws,
+            resistances=group.resistances,
+            contact=contact._replace(mode=modes[m]),
+        )
+        points, contact = path(time[1] - time[0], inputs, faces)
+        yield m, points + np.stack([0 * gaps + time[m], -gaps, 0 * gaps])
