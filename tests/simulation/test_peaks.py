@@ -10,7 +10,7 @@ from jaxpound.simulation.peaks import Peak, Peaks, Sample
 
 
 def peak(samples, dtype=np.float64):
-    tally = Peak(*[jnp.zeros((), dtype)] * 3)
+    tally = Peak(*[jnp.zeros((), dtype)] * 4)
     for sample in jnp.asarray(samples, dtype):
         tally = tally.observe(sample)
     return tally.largest
