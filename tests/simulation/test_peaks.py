@@ -76,3 +76,26 @@ def test_the_peaks_of_many_series_in_arrays_are_those_of_each_series():
         in_arrays, apart = map(np.asarray, (function(1.5, True), function(1.5, False)))
         assert in_arrays == pytest.approx(apart, rel=1e-14)
     assert apart[3] == 3.5  # larger than all samples, and so the slope
+
+
+def test_a_series_that_stops_does_not_overshoot_whatever_rounding_does_to_its_rise():
+    for rise in (0.0, 1e-16, -1e-16):
+        assert float(peak([0.1, 0.3, 0.4, 0.4 + rise, 0.4])) == pytest.approx(0.4, rel=1e-14)
+
+
+def test_peaks_of_a_link_that_sticks_do_not_depend_on_the_unit_of_length():
+    """The drift between the ends was once larger by 1e-4 in other units, by rounding alone."""
+    steel, grid = jp.ZenerRod(1.0, 0.02, 0.1), jp.TimeGrid(0.02, 500)
+
+    @jax.jit
+    @jax.vmap
+    def drift(friction, unit):
+        pairs = zip((4.0, 20.0, 4.0 / 3), ((0, jp.GROUND), (1, jp.GROUND), (0, 1)), strict=True)
+        rods = tuple(jp.Rod(steel, k, ends) for k, ends in pairs)
+        system = jp.System((1.0, 1.4), rods, (jp.Link((0, 1), friction * unit),))
+        ground = jp.Ricker(unit * 0.3, [1.6, 2.4], [3.4, 5.6])
+        return jp.demand(system, ground, grid).rods[2].peak_drift / unit
+
+    frictions = np.repeat(np.linspace(0.1, 0.4, 100), 2)
+    ours = np.asarray(drift(frictions, np.tile([1.0, 0.37], 100))).reshape(-1, 2)
+    np.testing.assert_allclose(ours[:, 0], ours[:, 1], rtol=1e-12, atol=1e-14)
