@@ -130,9 +130,10 @@ def test_a_friction_pendulum_let_go_swings_in_its_period_and_loses_what_friction
 def test_a_force_of_zero_has_the_derivative_of_a_small_force(exponent, dtype):
     value = jax.jit(lambda force: of_damper(force, dtype(exponent)))
     forward, reverse = jax.jacfwd(value)(dtype(0)), jax.jacrev(value)(dtype(0))
-    small = dtype(1e-6 if dtype == np.float64 else 1e-3)
+    single = dtype == np.float32
+    small = dtype(1e-3 if single else 1e-8)
     quotient = (np.asarray(value(small)) - np.asarray(value(dtype(0)))) / small
-    np.testing.assert_allclose(forward, quotient, rtol=3e-3 if dtype == np.float64 else 3e-2)
+    np.testing.assert_allclose(forward, quotient, rtol=0.02 if single else 1e-4)
     np.testing.assert_allclose(reverse, forward, rtol=1e-3)
     assert forward[0] < -0.1
 
@@ -150,8 +151,8 @@ def of_damper(force, exponent):
     damper = jp.Rod(jp.PowerLaw(force, exponent), dtype.type(60.0), base)
     rods = jp.Rod(jp.ZenerRod(1.0, 0.05, 0.2), dtype.type(4.0), base), damper
     system = jax.tree.map(lambda x: jax.numpy.asarray(x, dtype), jp.System((1.0,), rods))
-    demand = jp.demand(system, jax.tree.map(dtype.type, jp.Ricker(0.25, 1.6, 3.4)), MOTION)
+    demand = jp.demand(system, jax.tree.map(lambda x: jax.numpy.asarray(x, dtype), GROUND), MOTION)
     return jax.numpy.stack([demand.peak_x1, demand.dissipated_energy_2])
 
 
-MOTION = jp.TimeGrid(0.04, 150)
+MOTION = jp.TimeGrid(0.04, 200)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies
 
+import jaxpound as jp
 from jaxpound.simulation.peaks import Peak, Peaks, Sample
 
 
