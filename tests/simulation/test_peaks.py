@@ -90,13 +90,16 @@ def test_peaks_of_a_link_that_sticks_do_not_depend_on_the_unit_of_length():
 
     @jax.jit
     @jax.vmap
-    def drift(friction, unit):
-        pairs = zip((4.0, 20.0, 4.0 / 3), ((0, jp.GROUND), (1, jp.GROUND), (0, 1)), strict=True)
+    def drift(numbers, unit):
+        soft, friction, stiff, amplitude = numbers
+        pairs = zip((soft, stiff, soft / 3), ((0, jp.GROUND), (1, jp.GROUND), (0, 1)), strict=True)
         rods = tuple(jp.Rod(steel, k, ends) for k, ends in pairs)
         system = jp.System((1.0, 1.4), rods, (jp.Link((0, 1), friction * unit),))
-        ground = jp.Ricker(unit * 0.3, [1.6, 2.4], [3.4, 5.6])
+        ground = jp.Ricker(unit * amplitude, [1.6, 2.4], [3.4, 5.6])
         return jp.demand(system, ground, grid).rods[2].peak_drift / unit
 
-    frictions = np.repeat(np.linspace(0.1, 0.4, 100), 2)
-    ours = np.asarray(drift(frictions, np.tile([1.0, 0.37], 100))).reshape(-1, 2)
-    np.testing.assert_allclose(ours[:, 0], ours[:, 1], rtol=1e-12, atol=1e-14)
+    rng = np.random.default_rng(1)
+    ranges = ((1, 60), (0.02, 0.4), (1, 60), (0.1, 0.6))
+    cases = np.exp(np.stack([rng.uniform(*np.log(ends), 600) for ends in ranges], 1))
+    ours, others = (np.asarray(drift(cases, np.full(600, unit))) for unit in (1.0, 0.37))
+    np.testing.assert_allclose(ours, others, rtol=1e-12, atol=1e-14)
