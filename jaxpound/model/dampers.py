@@ -94,30 +94,31 @@ class Dashpot(NamedTuple):
         """
         gamma, change = 1 - 0.5**0.5, after - before
         last = before - state.elongation
-        middle = self._solved(last + gamma * change, gamma)
-        ended = last + (1 - gamma) * (change - self._slid(middle))
-        force = self._solved(ended + gamma * change, gamma)
-        work = (1 - gamma) * middle * self._slid(middle) + gamma * force * self._slid(force)
+        middle, slid = self._solved(last + gamma * change, gamma)
+        ended = last + (1 - gamma) * (change - slid)
+        force, slid_last = self._solved(ended + gamma * change, gamma)
+        work = (1 - gamma) * middle * slid + gamma * force * slid_last
         return Slid(after - force, state.dissipated + work)
 
     def _slid(self, force: Any) -> Any:
         """How far the dashpot moves in a step under a force over K."""
         size = jnp.abs(force)
-        share = jnp.where(size > 0, size, 1.0) / jnp.where(self.size > 0, self.size, 1.0)
+        # Not 1 over the size: a power of it may overflow, and 0 times its derivative is NaN.
+        share = jnp.where(size > 0, size / jnp.where(self.size > 0, self.size, 1.0), 1.0)
         way = jnp.sign(force) * self.way * share**self.power
         return jnp.where(size > 0, way, 0.0)
 
-    def _solved(self, whole: Any, share: float) -> Any:
+    def _solved(self, whole: Any, share: float) -> tuple[Any, Any]:
         """The force f over K for which f and what the dashpot moves in a share of a step is whole.
 
-        Both grow with f and are convex: Newton's method falls to the root from any point above it.
+        And how far it moves in a step. Both grow with f and are convex: Newton's method falls to
+        the root from any point above it.
         """
         none = self.size <= 0
         fixed, target = lax.stop_gradient((self, whole))
         size = jnp.abs(target)
-        alone = jnp.where(none, 1.0, fixed.size)
-        alone = alone * (size / (share * fixed.way)) ** (1 / fixed.power)
-        force = smaller(size, alone)
+        alone = (size / (share * fixed.way)) ** (1 / fixed.power)  # over F
+        force = smaller(size, jnp.where(none, 1.0, fixed.size) * alone)
 
         def nearer(law: Dashpot, force: Any, whole: Any) -> Any:
             """A step of Newton's method; its slope is not differentiated."""
@@ -127,8 +128,11 @@ class Dashpot(NamedTuple):
 
         for _ in range(_ITERATIONS):
             force = nearer(fixed, force, size)
-        # The last step has the derivative of the root.
-        return jnp.where(none, 0.0, nearer(self, jnp.sign(target) * force, whole))
+        # The last step has the derivative of the root. A dashpot whose force is 0 moves with the
+        # rod, and the derivative by its force is the force over F.
+        force = nearer(self, jnp.sign(target) * force, whole)
+        force = jnp.where(none, self.size * jnp.sign(target) * alone, force)
+        return force, jnp.where(none, (whole - force) / share, self._slid(force))
 
     def reduced_force(self, elongation: Any, state: Slid) -> Any:
         """The force over K."""

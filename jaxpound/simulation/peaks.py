@@ -14,6 +14,8 @@ import jax.numpy as jnp
 
 from jaxpound._extrema import larger
 
+_TIE = 64  # units of rounding of the peak below which a rise is none
+
 
 class Peak(NamedTuple):
     """Largest absolute value of a series, between its samples too where it is smooth.
@@ -24,19 +26,24 @@ class Peak(NamedTuple):
     largest: jax.Array
     last: jax.Array
     rise: jax.Array  # from the sample before to the last
+    rise_before: jax.Array  # and to the sample before
 
     def observe(self, y: jax.Array, smooth: jax.Array | bool = True) -> Peak:
         """The peak with one more sample; ``smooth`` says that no jump is among the last three."""
         rise = y - self.last
-        # The parabola through them turns within half a step of the middle one; exactly half a step
-        # where two of them tie. A bend whose square underflows has no derivative in floating point.
-        up, down = (self.rise >= 0) & (rise <= 0), (self.rise <= 0) & (rise >= 0)
+        # The parabola through them turns within half a step of the middle one. Where two of them
+        # tie but for rounding, as in stick, a rise has no sign: the sample after the tie tells.
+        limits = jnp.finfo(rise.dtype)
+        tie = _TIE * limits.eps * larger(self.largest, jnp.abs(y))
+        to_middle = jnp.where(jnp.abs(self.rise) > tie, self.rise, self.rise_before)
+        up, down = (to_middle > tie) & (rise < -tie), (to_middle < -tie) & (rise > tie)
         bend = rise - self.rise
-        arch = smooth & (up | down) & (jnp.abs(bend) > jnp.finfo(bend.dtype).tiny ** 0.5)
+        # A bend whose square underflows has no derivative in floating point.
+        arch = smooth & (up | down) & (jnp.abs(bend) > limits.tiny**0.5)
         bend = jnp.where(arch, bend, 1.0)
         vertex = jnp.where(arch, self.last - (self.rise + rise) ** 2 / (8 * bend), y)
         largest = larger(self.largest, larger(jnp.abs(y), jnp.abs(vertex)))
-        return Peak(largest, y, rise)
+        return Peak(largest, y, rise, self.rise)
 
     def include(self, *values: Any) -> Peak:
         """The peak with further values that are no samples."""
@@ -64,7 +71,7 @@ class Peaks(NamedTuple):
         """Those of so many series before their first sample."""
         if in_arrays:
             zero = jnp.broadcast_to(zero, (size,))
-        peak = Peak(zero, zero, zero)
+        peak = Peak(zero, zero, zero, zero)
         return Peaks(peak if in_arrays else (peak,) * size)
 
     def each(self) -> tuple[Peak, ...]:

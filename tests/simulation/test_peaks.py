@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies
 
+import jaxpound as jp
 from jaxpound.simulation.peaks import Peak, Peaks, Sample
 
 
 def peak(samples, dtype=np.float64):
-    tally = Peak(*[jnp.zeros((), dtype)] * 3)
+    tally = Peak(*[jnp.zeros((), dtype)] * 4)
     for sample in jnp.asarray(samples, dtype):
         tally = tally.observe(sample)
     return tally.largest
@@ -76,3 +77,29 @@ def test_the_peaks_of_many_series_in_arrays_are_those_of_each_series():
         in_arrays, apart = map(np.asarray, (function(1.5, True), function(1.5, False)))
         assert in_arrays == pytest.approx(apart, rel=1e-14)
     assert apart[3] == 3.5  # larger than all samples, and so the slope
+
+
+def test_a_series_that_stops_does_not_overshoot_whatever_rounding_does_to_its_rise():
+    for rise in (0.0, 1e-16, -1e-16):
+        assert float(peak([0.1, 0.3, 0.4, 0.4 + rise, 0.4])) == pytest.approx(0.4, rel=1e-14)
+
+
+def test_peaks_of_a_link_that_sticks_do_not_depend_on_the_unit_of_length():
+    """The drift between the ends was once larger by 1e-4 in other units, by rounding alone."""
+    steel, grid = jp.ZenerRod(1.0, 0.02, 0.1), jp.TimeGrid(0.02, 500)
+
+    @jax.jit
+    @jax.vmap
+    def drift(numbers, unit):
+        soft, friction, stiff, amplitude = numbers
+        pairs = zip((soft, stiff, soft / 3), ((0, jp.GROUND), (1, jp.GROUND), (0, 1)), strict=True)
+        rods = tuple(jp.Rod(steel, k, ends) for k, ends in pairs)
+        system = jp.System((1.0, 1.4), rods, (jp.Link((0, 1), friction * unit),))
+        ground = jp.Ricker(unit * amplitude, [1.6, 2.4], [3.4, 5.6])
+        return jp.demand(system, ground, grid).rods[2].peak_drift / unit
+
+    rng = np.random.default_rng(1)
+    ranges = ((1, 60), (0.02, 0.4), (1, 60), (0.1, 0.6))
+    cases = np.exp(np.stack([rng.uniform(*np.log(ends), 600) for ends in ranges], 1))
+    ours, others = (np.asarray(drift(cases, np.full(600, unit))) for unit in (1.0, 0.37))
+    np.testing.assert_allclose(ours, others, rtol=1e-12, atol=1e-14)

@@ -16,7 +16,7 @@ from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, times
 from jaxpound.simulation.contact.records import APART, PRESSED, REST, Contact, StepLog
 
 _REBOUNDS = 1e-2  # rebounds that would all be over within this share of a step end at once
-_SLOWEST = 1e-2  # least touch speed, as a share of what the acceleration adds in a step
+_SLOWEST = 1e-2  # least touch speed, as a share of what an acceleration adds in a step
 _AHEAD = 1e-6  # share of a step after which a force shows its sign
 _COUNTS = 1e-4  # share of the fastest approach below which a touch is no impact
 
@@ -92,6 +92,11 @@ class Setting(NamedTuple):
     clock: records.Clock
     h: float
     slots: int
+    pull: jax.Array  # largest |A| of the step, (f,)
+
+    def least_speed(self, acceleration: jax.Array) -> jax.Array:
+        """Touch speed of a contact that begins at rest under an acceleration."""
+        return lax.stop_gradient(_SLOWEST * self.h * jnp.abs(acceleration))
 
     def since_middle(self, x: FlowState) -> jax.Array:
         """Time from the middle of the step, (f,)."""
@@ -123,6 +128,8 @@ class Event(NamedTuple):
     there: a gap that is slightly too small, and opens, does not close."""
     may_return: bool = True
     """Whether values that are below zero only between the ends of a substep count."""
+    of_closing: int = 0
+    """Sign of the closing in a value that is the distance to a gap, else 0."""
 
 
 def _speed(at: Place, length: jax.Array) -> jax.Array:
@@ -235,6 +242,7 @@ _RELEASE = Event(
     armed=lambda setting, x, at: x.regime.deformed,
     scale=_distance,
     effect=_release,
+    of_closing=1,
 )
 
 
@@ -266,7 +274,7 @@ def _touch(setting: Setting, x: FlowState, event: Occurrence) -> FlowState:
     x, laws, touches, now = _on_gap(setting, x, event), setting.laws, event.links, event.forces
     contact, log, speed, time = x.contact, x.log, row(x.y, "w"), setting.since_middle(x)
     counts = touches & (speed > _COUNTS * contact.fastest) & (speed > 0)
-    slowest = lax.stop_gradient(_SLOWEST * setting.h * jnp.abs(now.acceleration))
+    slowest = setting.least_speed(larger(jnp.abs(now.acceleration), setting.pull))
     begun = Contact(
         mode=jnp.where(laws.rigid, contact.mode, PRESSED),
         counts=jnp.where(counts, 1.0, 0.0).astype(laws.dtype),
@@ -296,6 +304,7 @@ _TOUCH = Event(
     armed=lambda setting, x, at: setting.laws.has_law & (x.contact.mode == APART),
     scale=_distance,
     effect=_touch,
+    of_closing=-1,
 )
 
 

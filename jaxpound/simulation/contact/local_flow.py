@@ -35,6 +35,7 @@ _MOST_ITERATIONS = 4000  # iterations in a step
 _AT_ONCE = 1e-10  # share of a step within which events are at the same instant
 _NEAR = 0.05  # longest Newton step to an event, as a share of the substep
 _NEWTON_STEPS = 3  # Newton steps to an event
+_SOON = 1e-3  # share of a substep within which a motion is that of its start
 _JUST = 1.001  # length of a substep that should end just beyond an event, in units of its time
 _ORDER, _LONGEST = 12, 0.8  # of a series, and of a substep by it in units of 1/rate
 
@@ -45,6 +46,7 @@ class _First(NamedTuple):
     time: jax.Array  # from the start of the substep, inf if there is none
     number: jax.Array  # of the event among all links and events
     at_start: jax.Array  # whether it is as the substep starts
+    is_none: jax.Array  # whether it is there by the cubic, but not by the motion
 
 
 class LocalFlow:
@@ -58,7 +60,8 @@ class LocalFlow:
         self.eps = float(jnp.finfo(self.dtype).eps)
         self.tolerance = 1e-9 if self.eps < 1e-10 else 1e-5
         self.laws = LinkLaws(inputs, faces)
-        self.setting = events.Setting(self.laws, clock, h, slots)
+        most = jnp.abs(inputs.pull) + jnp.abs(inputs.rise) / 2
+        self.setting = events.Setting(self.laws, clock, h, slots, most)
         self.events = events.table(self.laws)
 
     def pull(self, t: jax.Array) -> jax.Array:
@@ -67,7 +70,11 @@ class LocalFlow:
 
     def start(self) -> FlowState:
         """The state in which a flow starts."""
-        inputs, contact, clock = self.inputs, self.inputs.contact, self.setting.clock
+        inputs, clock = self.inputs, self.setting.clock
+        # A load that has grown since a slow touch would creep: the law is too stiff for it.
+        contact, slowest = inputs.contact, self.setting.least_speed(self.setting.pull)
+        slowest = jnp.where(records.is_deformed(contact.mode), slowest, 0.0)
+        contact = contact._replace(touch_speed=larger(contact.touch_speed, slowest))
         # Derived from the input: so vmap and shard_map see the carry as batched from the start.
         zeros = 0 * inputs.closing
         none = zeros[0].astype(int)
@@ -109,8 +116,11 @@ class LocalFlow:
         inputs = lax.stop_gradient((self.inputs, self.setting.clock))
         fixed = LocalFlow(self.h, 0, self.laws.faces, *inputs)
         event = fixed._first_event(*lax.stop_gradient((x, substep, inverse)))
-        wrong = (worst > 1) & self._is_limited(regime)
         y, place, rates = self._located(x, substep, event, inverse)
+        # The cubic of a long substep may have an event that the motion has not, or has before.
+        backwards = y[0, 0] < x.y[0, 0] - _AT_ONCE * self.h
+        is_none = event.is_none | (~event.at_start & backwards)
+        wrong = ((worst > 1) & self._is_limited(regime)) | is_none
         after = x._replace(
             y=jnp.where(wrong, x.y, y),
             middle=self._middle(x, substep, ~wrong & (y[0, 0] >= self.h / 2)),
@@ -127,7 +137,9 @@ class LocalFlow:
             after = events.seen_from_both_sides(self.setting, after, which)
         ends = happens & (event.number == numbers.size)
         after = after._replace(ended=after.ended + self._one_where(ends))
-        return self._with_next_length(after, substep.length, event, worst, wrong, regime)
+        after = self._with_next_length(after, substep.length, event, worst, wrong, regime)
+        halved = lax.stop_gradient(substep.length / 2)
+        return after._replace(length=jnp.where(is_none, halved, after.length))
 
     def within(self, x: FlowState, time: jax.Array) -> jax.Array:
         """Times, closings and contact forces, (3, f), a ``time`` after a substep's start."""
@@ -291,16 +303,16 @@ class LocalFlow:
         """The first event in a substep."""
         length = substep.length
         both = jnp.stack([x.y, substep.at(length)])
-        places, _, values, slopes = jax.vmap(lambda y: self._values(x, y, inverse))(both)
-        begin = jax.tree.map(lambda z: z[0], places)
+        places, rates, values, slopes = jax.vmap(lambda y: self._values(x, y, inverse))(both)
+        begin, rate = jax.tree.map(lambda z: z[0], (places, rates))
         scales = jnp.stack(
             [jax.vmap(kind.scale, (0, None))(places, length) for kind in self.events]
         )
         noise = 32 * self.eps * scales.sum(1)
         armed = jnp.stack([kind.armed(self.setting, x, begin) for kind in self.events])
-        of_force, may_return = (
+        of_force, may_return, signs = (
             jnp.asarray([getattr(kind, name) for kind in self.events])[:, None]
-            for name in ("of_force", "may_return")
+            for name in ("of_force", "may_return", "of_closing")
         )
         # A value below zero at the start, such as a gap at rest has by a correction, is the zero of
         # the end too: a gap that opens from there does not close.
@@ -319,7 +331,12 @@ class LocalFlow:
         instants = jnp.append(instants, jnp.where(ends, self.h - x.y[0, 0], jnp.inf))
         number = jnp.argmin(instants)
         time = instants[number]
-        return _First(time, number, time <= _AT_ONCE * self.h)
+        # By its cubic a gap may close at once that opens, slowly at first, by the next derivatives.
+        t, jerk = _SOON * length, rate.forces.acceleration
+        moved = begin.w + t / 2 * (begin.forces.acceleration + t / 3 * jerk)
+        rises = jnp.append((signs * moved[None]).ravel() > 0, False)
+        at_start = time <= _AT_ONCE * self.h
+        return _First(time, number, at_start, at_start & rises[number])
 
     def _located(
         self, x: FlowState, substep: PowerSeries | Integrated, event: _First, inverse: jax.Array
