@@ -206,22 +206,50 @@ def test_readme_s_python_examples_run(number, monkeypatch):
     exec(readme_blocks("python")[number].replace("10_000", "500"), {"__name__": "readme"})
 
 
-PROGRAM = """
+START = """
 import jax, jaxpound as jp
 from dataclasses import replace
 jax.config.update("jax_enable_x64", True)
+"""
+
+PAIR = """
 pair = replace(jp.paper.structures(), initial_gap=0.3, contact=jp.Newton(0.65))
-demand = jp.demand(pair, jp.paper.ground(), jp.TimeGrid(0.05, 200), only=["peak_x1"])
-print(demand.peak_x1)
+print(jp.demand(pair, jp.paper.ground(), jp.TimeGrid(0.05, 200), only=["peak_x1"]).peak_x1)
+"""
+
+LINKS = """
+def system(*links):
+    n = 1 + max(end for link in links for end in link.ends)
+    law = jp.ZenerRod(0.5, 0.05, 0.2)
+    rods = (jp.Rod(law, 1.0 + i, (i, jp.GROUND)) for i in range(n))
+    return jp.System((1.0,) * n, tuple(rods), links)
+
+fast = {"friction": 0.1, "velocity_friction": jp.VelocityFriction(0.1, 0.1)}
+law, harder = jp.KelvinVoigt(4e3, 0.65), jp.Jankowski(4e3, 0.65)
+brace = jp.Rod(jp.PowerLaw(0.1, 0.5, 0.1), 5.0)
+walls = system(jp.Link((0, jp.GROUND), gap=(0.3, 0.3), contact=law, **fast))
+kinds = system(
+    jp.Link((0, 1), friction=0.1, gap=0.2, contact=law),
+    jp.Link((1, 2), gap=0.2, contact=jp.Newton(0.65)),
+    jp.Link((2, jp.GROUND), gap=(0.2, 0.3), contact=harder, inerter=jp.Inerter(0.1)),
+    jp.Link((3, 4), friction=0.1, damper=brace),
+)
+for structures in (walls, kinds):
+    grid = jp.TimeGrid(0.05, 60)
+    demand = jp.demand(structures, jp.Ricker(0.5, 2.0, 1.5), grid, only=["peak_x1"])
+    print(demand.peak_x1)
 """
 
 
-def test_a_program_gives_the_suite_s_numbers_as_users_compile_it(capsys):
+@pytest.mark.parametrize("program", [PAIR, LINKS], ids=["pair", "every kind of link"])
+def test_a_program_gives_the_suite_s_numbers_as_users_compile_it(program, capsys):
     """Without the suite's options of XLA; a slow machine notes on stderr that it compiles."""
     environment = {k: x for k, x in os.environ.items() if not k.startswith(("XLA_", "JAX_"))}
-    exec(PROGRAM)
-    here = float(capsys.readouterr().out)
-    assert float(ran(PROGRAM, env=environment).stdout) == pytest.approx(here, rel=1e-9)
+    exec(program, {"jp": jp, "replace": dataclasses.replace})
+    here = [float(line) for line in capsys.readouterr().out.split()]
+    program = f"{START}{program}"
+    numbers = [float(line) for line in ran(program, env=environment).stdout.split()]
+    np.testing.assert_allclose(numbers, here, rtol=1e-9)
 
 
 def test_versions_agree():
