@@ -17,7 +17,7 @@ _MODULES = {"contact": "model.contact"} | {wing: wing for wing in (*_WINGS, "pap
 
 _NAMES = {  # of modules outside these packages
     **dict.fromkeys(("Buildings", "dimensionless", "dimensionless_row"), "buildings"),
-    "InvalidInput": "_errors",
+    **dict.fromkeys(("InvalidInput", "PlausibilityWarning"), "_errors"),
     "Scales": "units",
     "STANDARD_GRAVITY": "quantities",
     "TimeGrid": "grid",

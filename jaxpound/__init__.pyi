@@ -12,6 +12,7 @@ from . import scenarios as scenarios
 from . import simulation as simulation
 from . import study as study
 from ._errors import InvalidInput as InvalidInput
+from ._errors import PlausibilityWarning as PlausibilityWarning
 from ._version import __version__ as __version__
 from .buildings import Buildings as Buildings
 from .buildings import dimensionless as dimensionless

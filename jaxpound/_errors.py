@@ -59,4 +59,5 @@ def warn(owner: str, findings: list[str], strict: bool) -> None:
         warnings.warn(f"{owner}: {finding}", PlausibilityWarning, stacklevel=level)
 
 
-InvalidInput.__module__ = "jaxpound"  # where users import it, and as tracebacks show it
+# Where users import them, and as tracebacks show them.
+InvalidInput.__module__ = PlausibilityWarning.__module__ = "jaxpound"

@@ -10,9 +10,8 @@ from itertools import chain
 from typing import Any
 
 from jaxpound._checks import enforce, instance, is_traced, not_negative, positive_number
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import parameter, part, pytree_dataclass, ranges, unchecked
-from jaxpound.ground.plausibility import warn
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.plausibility import FRICTION, GAP, doubts, too_wide

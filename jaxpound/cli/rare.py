@@ -14,13 +14,14 @@ import jax
 import numpy as np
 
 import jaxpound as jp
+from jaxpound._errors import warn
 from jaxpound._tables import TextTable
 from jaxpound.cli.files import VERSION, csv_text, kept_search, write_report
 from jaxpound.cli.parameters import Parameters, Uncertain, by_path
 from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, named, refused
 from jaxpound.cli.structures import compile_notice
 from jaxpound.cli.tables import Gap, require_threshold
-from jaxpound.ground.plausibility import first_of, of_many, warn
+from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.reliability.run import choice, event_of, require_smooth
 from jaxpound.reliability.target import WITHOUT_JUMPS
 from jaxpound.results.named import REQUIRED_GAP, in_words, kind_of, unit_of

@@ -10,11 +10,11 @@ from threading import Timer
 from typing import Any
 
 import jaxpound as jp
+from jaxpound._errors import warn
 from jaxpound.cli import buildings
 from jaxpound.cli.buildings import BlockSection, BuildingsLayout
 from jaxpound.cli.reading import File, Range, Section, named, refused
 from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, read_records
-from jaxpound.ground.plausibility import warn
 from jaxpound.model.plausibility import doubts, too_wide
 from jaxpound.model.system import Structures
 from jaxpound.scenarios.ground_draw import GroundDraw

@@ -13,13 +13,13 @@ import numpy as np
 
 from jaxpound import _checks
 from jaxpound._checks import Rule, enforce, instance
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import quantities
 from jaxpound._tables import Shown, TextTable
 from jaxpound.design.space import DesignSpace, spread_shares, start_shares
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
-from jaxpound.ground.plausibility import unseen, warn
+from jaxpound.ground.plausibility import unseen
 from jaxpound.ground.run_input import as_pytree, require_time_unit
 from jaxpound.model.hysteresis import hysteresis_of
 from jaxpound.model.system import Structures, System, gravity_of, is_closable

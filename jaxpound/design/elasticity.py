@@ -9,14 +9,14 @@ import jax
 import numpy as np
 
 from jaxpound._checks import instance, require_one_of
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._tables import Shown, TextTable
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.goals import gathered, require_over
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import pga
 from jaxpound.ground.motion import GroundLike
-from jaxpound.ground.plausibility import excessive, first_of, of_many, unseen, warn
+from jaxpound.ground.plausibility import excessive, first_of, of_many, unseen
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.parameters import get, paths, put
 from jaxpound.model.system import Structures, gravity_of

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, require_memory
+from jaxpound._errors import warn
 from jaxpound.design.design import Comparison, Design, SearchHistory
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.lagrangian import AT_BOUND, AugmentedLagrangian, at_active_bound
@@ -21,7 +22,7 @@ from jaxpound.design.rare_limits import limit_states, search_in_rounds
 from jaxpound.design.search import Progress, SearchOptions, search_once
 from jaxpound.design.space import DesignSpace, start_shares
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import first_of, of_many, warn
+from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import Structures
 from jaxpound.simulation.scheme import Scheme, imprecise

@@ -10,7 +10,6 @@ from .noise import CloughPenzien as CloughPenzien
 from .noise import GammaEnvelope as GammaEnvelope
 from .noise import KanaiTajimi as KanaiTajimi
 from .noise import PlateauEnvelope as PlateauEnvelope
-from .plausibility import PlausibilityWarning as PlausibilityWarning
 from .reader import read_record as read_record
 from .record import Record as Record
 from .suite import RecordSuite as RecordSuite

@@ -16,8 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Range, is_traced
-from jaxpound._errors import PlausibilityWarning as PlausibilityWarning
-from jaxpound._errors import warn as warn
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion, records_in
 from jaxpound.ground.run_input import sampled

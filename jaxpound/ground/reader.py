@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from jaxpound._checks import positive_number
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, PlausibilityWarning
 from jaxpound.ground.formats import at2, columns, knet
 from jaxpound.ground.formats.rows import line_of
 from jaxpound.ground.formats.text import MisreadError, read_file
 from jaxpound.ground.formats.units import UNITS, stated_among, stated_unit
-from jaxpound.ground.plausibility import MANY, PlausibilityWarning, of_samples
+from jaxpound.ground.plausibility import MANY, of_samples
 from jaxpound.ground.record import Record, derived
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 

@@ -13,13 +13,13 @@ from jax.scipy.signal import detrend
 from jaxtyping import ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive_number, real
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import check, label, parameter, pytree_dataclass, static, unchecked
 from jaxpound.grid import TimeGrid
 from jaxpound.ground import motion
 from jaxpound.ground.formats.units import UNITS, stated_unit
-from jaxpound.ground.plausibility import of_samples, warn
+from jaxpound.ground.plausibility import of_samples
 from jaxpound.ground.run_input import instants
 from jaxpound.quantities import STANDARD_GRAVITY
 

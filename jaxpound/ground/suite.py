@@ -15,10 +15,9 @@ from jaxtyping import ArrayLike
 
 from jaxpound import _checks
 from jaxpound._checks import count, instance, is_traced, positive, positive_number, require_one_of
-from jaxpound._errors import InvalidInput, renamed
+from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.intensity import spectra
-from jaxpound.ground.plausibility import warn
 from jaxpound.ground.reader import read_record
 from jaxpound.ground.record import Record
 from jaxpound.ground.target import SCALED_TO, FactorBounds, PeriodRange, ScaledSuite, TargetSpectrum

@@ -12,10 +12,9 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, instance, positive, positive_number, real, require_share
-from jaxpound._errors import InvalidInput, renamed
+from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure
-from jaxpound.ground.plausibility import warn
 from jaxpound.hazard.annual_rate import AnnualRate, FragilityRate, gap_of_rate, of_event, of_study
 from jaxpound.hazard.points import CurvePoints, HazardIntensity, HazardWeights, rate_of, read_hazard
 from jaxpound.quantities import DIMENSIONLESS

@@ -17,11 +17,11 @@ from jaxtyping import Float, Int
 from tqdm.auto import tqdm
 
 from jaxpound._checks import Rule, enforce, instance, number, positive, require_memory
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS
-from jaxpound.ground.plausibility import MOST_PGA, unseen, warn
+from jaxpound.ground.plausibility import MOST_PGA, unseen
 from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, common_gap, is_closable, without_contact

@@ -41,11 +41,20 @@ SLIP = 1e-3, 10.0
 
 USUAL_PERIOD = Range(0.05, 10, "s", "models on shaking tables and the tallest towers")
 
-LEAST_MASS, MOST_MASS, MODEL_PERIOD = 9e3, 1e7, 0.25
-"""Plausible mass of the heaviest floor, kg: a shed has 10 t, 10,000 m² of a mall 10,000 t. Below
-are floors of up to 900 t with the mass in t or the weight in kN, above those from 1,020 t on with
-the weight in N. Models on shaking tables are lighter, and quicker than a period, s; a building of
-one or two storeys may stand for a tower."""
+LEAST_MASS, MODEL_PERIOD = 9e3, 0.25
+"""Least plausible mass of the heaviest floor, kg: a shed has 10 t. Below are floors of up to 900 t
+with the mass in t or the weight in kN. Models on shaking tables are lighter, and quicker than a
+period, s."""
+
+
+def most_mass(storeys: int) -> float:
+    """Most plausible mass of a floor, kg: 50 m by 50 m have 2,500 t, floors of the tallest 7,000 t.
+
+    Beyond are floors of 255 t and more with the weight in N. One or two storeys may stand for a
+    tower.
+    """
+    return 2.5e6 if 2 < storeys <= 20 else 1e7 if storeys > 20 else np.inf
+
 
 STRENGTH = 0.005, 3.0
 """Plausible force at yield: least over the weight above, most over the building's. Weak towers
@@ -94,7 +103,7 @@ class _Floors(NamedTuple):
     moved: np.ndarray  # displacement under 1 g, by the stiffness of the first mode
     periods: np.ndarray  # of each floor on its own storey, by the same stiffness
     first_periods: tuple[float, ...]  # natural period of each building
-    heaviest: float  # floor of the buildings of three storeys or more
+    buildings: list[list[int]]  # masses of each
     inertance: float  # the largest
     strengths: list[str]  # a finding, or none, for each storey that yields
 
@@ -107,7 +116,7 @@ class _Floors(NamedTuple):
             return None
         masses = np.array([float(mass) for mass in system.masses])
         stiffnesses, moved = np.ones_like(masses), np.ones_like(masses)
-        places, heaviest, strengths = rod_places(system.topology), 0.0, []
+        places, buildings, strengths = rod_places(system.topology), list[list[int]](), []
         with jax.ensure_compile_time_eval():  # concrete numbers, in a traced function too
             frequencies = [float(omega) for omega in structures.natural_frequencies]
         for building, omega in zip(stacks(system.topology), frequencies, strict=True):
@@ -115,7 +124,7 @@ class _Floors(NamedTuple):
             soft = np.array([float(system.rods[rod].stiffness) for _, rod in building])
             carried = np.cumsum(masses[above][::-1])[::-1]
             at_rest = np.cumsum(carried / soft)
-            heaviest = max(heaviest, masses[above].max() * (len(above) > 2))
+            buildings.append(above)
             for (_, rod), k, on_top in zip(building, soft, carried, strict=True):
                 if (law := hysteresis_of(system.rods[rod].material)) is not None:
                     force = k * float(law.yield_displacement), on_top, carried[0]
@@ -136,7 +145,7 @@ class _Floors(NamedTuple):
             moved=moved * float(scales.length),
             periods=2 * np.pi * np.sqrt(masses / stiffnesses) * time,
             first_periods=tuple(2 * math.pi / omega * time for omega in frequencies),
-            heaviest=heaviest * mass,
+            buildings=buildings,
             inertance=max((float(x.inertance) for _, x in inerters), default=0.0) * mass,
             strengths=strengths,
         )
@@ -167,13 +176,14 @@ class _Floors(NamedTuple):
     def size(self) -> list[str]:
         """A finding in the heaviest floor."""
         light = self.masses.max() < LEAST_MASS and max(self.first_periods) > MODEL_PERIOD
-        if not light and self.heaviest <= MOST_MASS:
-            return []
-        mass = self.masses.max() if light else self.heaviest
-        return [
-            f"the heaviest floor, of {mass:.4g} kg, should be between {LEAST_MASS:g} and "
-            f"{MOST_MASS:g} kg: are masses in kg, neither in t nor weights in kN or N?"
+        heaviest = [
+            (self.masses[floors].max(), most_mass(len(floors))) for floors in self.buildings
         ]
+        rules = [f"{x:.4g} kg, should be at most {most:g}" for x, most in heaviest if x > most]
+        if light:
+            rules = [f"{self.masses.max():.4g} kg, should be at least {LEAST_MASS:g}"]
+        question = "are masses in kg, not in t, and no weights in kN or N?"
+        return [f"the heaviest floor, of {rule} kg: {question}" for rule in rules[:1]]
 
 
 def _strength(place: str, force: float, carried: float, whole: float) -> str:

@@ -14,10 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound._checks import Rule, enforce, finite, instance, not_negative, number
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import warn
 from jaxpound.model.parameters import get, paths, replaced, require_paths
 from jaxpound.model.system import Structures, without_contact
 from jaxpound.reliability.instants import OBSERVERS, Series, is_by_impacts, measured, series_of

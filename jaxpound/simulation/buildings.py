@@ -11,9 +11,10 @@ import jax
 import numpy as np
 
 from jaxpound._checks import Range, instance, is_traced, number
+from jaxpound._errors import warn
 from jaxpound.buildings import Buildings, pair_of
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import excessive, warn
+from jaxpound.ground.plausibility import excessive
 from jaxpound.ground.record import Record
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton

@@ -9,11 +9,10 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxpound._checks import instance, is_traced, positive
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import pytree_dataclass, quantity
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
-from jaxpound.ground.plausibility import warn
 from jaxpound.ground.run_input import as_run, sampled
 from jaxpound.model import parameters
 from jaxpound.model.system import Structures, gravity_of

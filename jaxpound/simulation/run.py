@@ -17,11 +17,11 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import node_classes, rules
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, require_ground
-from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen, warn
+from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import Link, Structures, System, gravity_of, is_closable

@@ -10,10 +10,9 @@ from jaxtyping import ArrayLike
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from jaxpound._checks import Rule, count, enforce, instance, positive_number, real, require_share
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure, measure_unit
-from jaxpound.ground.plausibility import warn
 from jaxpound.study.weighting import require_weights
 
 ANY_LINK = "any link"  # name of the curve of any of several links, beside "link 1" and so on

@@ -23,9 +23,9 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from jaxpound._checks import count, instance, require_memory
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import of_many, warn
+from jaxpound.ground.plausibility import of_many
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import is_closable

@@ -9,10 +9,10 @@ import jax
 import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, instance, require_share, seed
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import first_of, of_many, warn
+from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.system import gravity_of
 from jaxpound.scenarios.sampling import points
 from jaxpound.scenarios.scenarios import ScenarioSet, grounds_at, parameter_names, structures_of

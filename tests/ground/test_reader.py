@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies
 
-from jaxpound.ground.plausibility import PlausibilityWarning
+from jaxpound._errors import PlausibilityWarning
 from jaxpound.ground.reader import read_record
 from tests.ground import files
 from tests.ground.files import BODY, KIND, TITLE, VALUES, assert_reads, assert_refuses

@@ -118,13 +118,21 @@ def storeys(mass=300e3, period=0.5, n=3):
     return jp.ShearBuilding.from_period(n, mass, period, 0.05)
 
 
-HEAVIEST = r"the heaviest floor, of {} kg, should be between 9000 and 1e\+07 kg"
+HEAVIEST = r"the heaviest floor, of {} kg, should be at {} kg: are masses in kg, not in t, and no"
 AT_YIELD = r"storey {} of building 1: the force at yield, {} N, should be between {}"
-LIGHT, SHORT_ONE = HEAVIEST.format(300), storeys(period=0.3, n=2)
+LIGHT, SHORT_ONE = HEAVIEST.format(300, "least 9000"), storeys(period=0.3, n=2)
 OF_UNITS = {
     "masses in t": (storeys(300.0), storeys(250.0), LIGHT),
-    "weights in kN": (storeys(2942.0), storeys(2452.0), HEAVIEST.format(2942)),
-    "weights in N": (storeys(1.1e7), storeys(9.81e6), HEAVIEST.format(r"1\.1e\+07")),
+    "weights in kN": (storeys(2942.0), storeys(2452.0), HEAVIEST.format(2942, "least 9000")),
+    "weights in N": (
+        storeys(300e3 * 9.81),
+        storeys(250e3 * 9.81),
+        HEAVIEST.format(r"2\.943e\+06", r"most 2\.5e\+06"),
+    ),
+    "weights of a tower in N": (
+        storeys(1.1e7, 6.0, 60),
+        HEAVIEST.format(r"1\.1e\+07", r"most 1e\+07"),
+    ),
     "a force in kN": (
         storeys().yielding(yield_force=3000.0),
         AT_YIELD.format(1, 3000, "4.413e.04"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxpound.ground.plausibility import PlausibilityWarning
+from jaxpound._errors import PlausibilityWarning
 from jaxpound.ground.reader import read_record
 from tests.ground import files
 from tests.ground.files import assert_reads, assert_refuses
