@@ -220,7 +220,7 @@ def test_why_no_start_is_finite(stand_in):
     stand_in(lambda mu, rho, a: jnp.nan * mu)
     for grid, message in (
         (GRID, r"all 3 starts must be finite.*earthquake 0 of 8 gives no"),
-        (jp.TimeGrid(1.5, 20), r"earthquake 0: .*must be below the stability limit"),
+        (jp.TimeGrid(1.5, 20), r"earthquake 0: .*must be positive and below the stability limit"),
     ):
         refused(message, search, grid=grid)
     ensemble = dataclasses.replace(ENSEMBLE, uncertain={"mass_ratio": -np.ones(8)})
