@@ -1,3 +1,4 @@
+import os
 import re
 import subprocess
 import sys
@@ -108,6 +109,18 @@ def test_cores_cannot_change_once_jax_has_started():
     assert jp.use_cores(len(jax.devices("cpu"))) == len(jax.devices("cpu"))
     with pytest.raises(RuntimeError, match="use_cores: n = 77 must be set before JAX computes"):
         jp.use_cores(77)
+
+
+def test_a_larger_number_of_threads_of_the_user_s_own_is_kept(monkeypatch):
+    n = len(jax.devices("cpu"))
+    needs_none = jax.__version_info__ >= (0, 12)
+    for own, is_enough in (("1000", True), ("1", False), ("many", False)):
+        monkeypatch.setenv("PJRT_NPROC", own)
+        jp.use_cores(n)
+        assert (os.environ["PJRT_NPROC"] == own) is (is_enough or needs_none)
+    monkeypatch.delenv("PJRT_NPROC")
+    jp.use_cores(n)
+    assert int(os.environ.get("PJRT_NPROC", 4 * n)) >= 4 * n
 
 
 SHARDED = """

@@ -115,9 +115,7 @@ def test_a_step_above_the_limit_is_refused_with_the_part_that_sets_it_in_both_un
     pair = jp.Buildings((viscous, RIGHT), jp.floor_links((viscous, RIGHT), gap=0.1))
     structures, scales = pair.dimensionless()
     tau_f, grid = 1e-6 / float(scales.time), jp.TimeGrid(0.01, 100)
-    says = (
-        r"must be positive and below the stability limit \S+ of these .*, set by building 1"
-    )
+    says = r"must be positive and below the stability limit \S+ of these .*, set by building 1"
     stiff = f"{says}, which its small tau_f = 1e-06 s makes .* times as stiff as at rest"
     for run, *args in (
         (partial(jp.simulate_buildings, viscous, **DAMPED, dt=0.01), RIGHT, RECORD),
