@@ -112,15 +112,12 @@ def test_cores_cannot_change_once_jax_has_started():
 
 
 def test_a_larger_number_of_threads_of_the_user_s_own_is_kept(monkeypatch):
-    n = len(jax.devices("cpu"))
+    monkeypatch.setattr(jax.config, "update", lambda *_: None)  # as before JAX starts
     needs_none = jax.__version_info__ >= (0, 12)
     for own, is_enough in (("1000", True), ("1", False), ("many", False)):
         monkeypatch.setenv("PJRT_NPROC", own)
-        jp.use_cores(n)
+        jp.use_cores(1)
         assert (os.environ["PJRT_NPROC"] == own) is (is_enough or needs_none)
-    monkeypatch.delenv("PJRT_NPROC")
-    jp.use_cores(n)
-    assert int(os.environ.get("PJRT_NPROC", 4 * n)) >= 4 * n
 
 
 SHARDED = """
