@@ -31,6 +31,6 @@ def assert_same(one, other, path="it"):
     elif type(one).__reduce__ is not object.__reduce__:  # what it is made of, without the rest
         parts = [("", one.__reduce__()[1], other.__reduce__()[1])]
     else:
-        parts = [("", vars(one), vars(other))]
+        parts = [("", one.__getstate__(), other.__getstate__())]
     for name, *pair in parts:
         assert_same(*pair, path + name)
