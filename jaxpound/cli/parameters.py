@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import operator
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from statistics import NormalDist
 from typing import Annotated, Any, Literal, NoReturn, TypeVar, cast
@@ -20,11 +21,12 @@ import numpy as np
 from msgspec import field
 
 import jaxpound as jp
-from jaxpound._checks import did_you_mean
+from jaxpound._checks import Range, did_you_mean
+from jaxpound._errors import warn
 from jaxpound.buildings import pair_in, scaled_links
 from jaxpound.cli.buildings import UNITS, BlockSection, BuildingsLayout, LinkSection
 from jaxpound.cli.isolation import device_of
-from jaxpound.cli.reading import File, Range, Section, between, named, ranges, refused, unknown_key
+from jaxpound.cli.reading import File, Section, between, by_key, named, ranges, refused, unknown_key
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import LAWS, DistributionSpec, drawn
 from jaxpound.model.parameters import get, in_words, metadata, paths, put
@@ -276,8 +278,12 @@ def uncertain_structures(
     for key, factor in table.items():
         factor.require(f"{place} {key}", FACTOR)
     stated = by_path(place, table, parameters)
-    with named(f"{place}, in SI units:", keys=parameters.key_of):
+    in_si = f"{place}, in SI units:"
+    with named(in_si, keys=parameters.key_of), warnings.catch_warnings(record=True) as doubts:
+        warnings.simplefilter("always", jp.PlausibilityWarning)
         physical = jp.UncertainStructures(parameters.si, _multiples(place, stated, parameters.si))
+    said = [by_key(str(x.message), parameters.key_of).partition(": ")[2] for x in doubts]
+    warn("configuration", [f"{in_si} {x}" for x in said], strict=False)
     # Each parameter at both ends of its range, the others at their medians.
     z = NormalDist().inv_cdf(RARE)
     ends = np.array([z, -z])[:, None, None] * np.eye(len(stated))
@@ -290,7 +296,8 @@ def uncertain_structures(
                 at = put(parameters.si, {x: float(rows[x][end, i]) for x in stated})
             extremes.append((key_place, path, at))
     parameters.require_plausible(extremes)
-    with named(f"{place}:", keys=parameters.key_of):
+    unwarned = warnings.catch_warnings(action="ignore", category=jp.PlausibilityWarning)
+    with named(f"{place}:", keys=parameters.key_of), unwarned:
         multiples = _multiples(place, stated, parameters.nominal)
         return jp.UncertainStructures(parameters.nominal, multiples, correlation)
 

@@ -221,13 +221,17 @@ def named(
             message = str(error.replaced(owner=part))
         else:
             message = re.sub(r"^[A-Za-z_.]+: ", "", str(error))
-        if keys:
-            paths = "|".join(map(re.escape, keys))
-            message = re.sub(rf"(?<![\w.])({paths})(?!\w)", lambda path: keys[path[0]], message)
+        message = by_key(message, keys or {})
         for name, unit in (units or {}).items():
             if unit:
                 message = re.sub(rf"(?<!\w)({name} = -?[\w.+-]*\w)", rf"\1 {unit}", message)
         raise ValueError(f"{place} {message}".lstrip()) from error
+
+
+def by_key(message: str, keys: Mapping[str, str]) -> str:
+    """A message with the keys of a file for the paths of its parameters."""
+    paths = "|".join(map(re.escape, keys)) or "(?!)"
+    return re.sub(rf"(?<![\w.])({paths})(?!\w)", lambda path: keys[path[0]], message)
 
 
 def _table_fault(kind: Any, table: dict[str, Any], title: str, root: Any) -> str:

@@ -18,8 +18,8 @@ from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, re
 from jaxpound.model.plausibility import doubts, too_wide
 from jaxpound.model.system import Structures
 from jaxpound.scenarios.ground_draw import GroundDraw
-from jaxpound.simulation.buildings import natural_periods, require_stable, time_grid, time_step
-from jaxpound.simulation.scheme import require_local_flow
+from jaxpound.simulation.buildings import natural_periods, time_grid, time_step
+from jaxpound.simulation.scheme import require_local_flow, require_stable
 
 _OF_PAIR = {
     "gap": "the key 'gap'",
@@ -121,7 +121,7 @@ class Shaken(Structured, kw_only=True):
         limit = jp.stability_limit(self.structures, self.scheme) * float(scales.time)
         shortest = min((float(record.dt) for record in shapes), default=float("inf"))
         dt = self.run.dt or time_step(natural_periods(self.structures, scales), limit, shortest)
-        require_stable(run, dt, limit, "the nominal buildings")
+        require_stable(self.structures, self.scheme, dt, run, scales.time)
         longest = max((float(record.duration) for record in shapes), default=None)
         duration = self.run.duration or longest
         if duration is None:

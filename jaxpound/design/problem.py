@@ -191,6 +191,9 @@ class DesignProblem:
     def _run(self) -> Callable[..., Any]:
         return in_chunks(self._demands_at)
 
+    def __getstate__(self) -> dict[str, Any]:  # a pickle has no compiled program
+        return {name: x for name, x in vars(self).items() if name != "_run"}
+
     def _demands_at(self, scaled: Any, ground: Any, uncertain: Any) -> dict[str, jax.Array]:
         return self.demands(self.space.structures(scaled, uncertain), ground)
 

@@ -222,6 +222,6 @@ class Designer:
             fresh=None,
             _first=first,
             _problem=problem,
-            _result=result,
+            _result=result._replace(conditions=None),
         )
         return design if fresh is None else replace(design, fresh=design.compare(fresh))

@@ -204,7 +204,7 @@ class SearchResult(NamedTuple):
     winner: int
     stopped: str
     polishing: int  # runs with a gradient
-    conditions: FirstOrderConditions
+    conditions: Any  # of first order; a design, which holds no programs, has None
     rare: RareEstimates  # at the design; no events without limited probabilities
 
 

@@ -168,7 +168,7 @@ class SuiteRuns:
         instance(owner, "scheme", scheme, Scheme)
         scaled = suite_to_run(owner, suite, scales)
         grid = options.time_grid(owner, suite)
-        require_stable(structures, system, grid, scheme)
+        require_stable(structures, scheme, grid.dt)
         self.demand, self.threshold = options.limit(owner)  # in SI units if there are scales
         if self.demand in (REQUIRED_GAP, OVERLAP):
             structures = without_contact(structures)

@@ -104,6 +104,9 @@ class LimitState:
         if self.changes:
             require_paths(f"{OWNER}: changes", self.programs.nominal, self.changes)
 
+    def __reduce__(self) -> tuple[Any, ...]:  # without compiled programs, which are made anew
+        return LimitState, tuple(getattr(self, x.name) for x in dataclasses.fields(self)[:-1])
+
     @property
     def dimension(self) -> int:
         """Number d of standard normal numbers."""

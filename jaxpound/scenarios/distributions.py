@@ -13,8 +13,8 @@ import numpy as np
 from jax.scipy.special import ndtr, ndtri
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import require_share
-from jaxpound._errors import InvalidInput
+from jaxpound._checks import is_traced, require_share
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import Checked, parameter, part
 
@@ -187,3 +187,23 @@ def truncated(distribution: Distribution, z: Any, low: Any, high: Any) -> jax.Ar
     limits = jnp.finfo(p.dtype)
     x = distribution.from_normal(sign * ndtri(larger(smaller(p, 1 - limits.eps), limits.tiny)))
     return larger(smaller(x, high), low)
+
+
+_LEAST = 0.1  # smallest probability of a distribution inside an interval that truncates it
+_UNSAID = 1e-3  # probability outside that is not worth a word: errors of sampling are larger
+
+
+def require_inside(owner: str, name: str, distribution: Distribution, low: Any, high: Any) -> None:
+    """Refuse a distribution nearly all outside [low, high]; warn of one that this truncates."""
+    with jax.ensure_compile_time_eval():  # of known numbers, in a traced function too
+        shares = [ndtr(distribution.to_normal(x)) for x in (low, high)]
+    if is_traced(shares):
+        return
+    (below, upto), inside = map(float, shares), f"[{float(low):.6g}, {float(high):.6g}]"
+    drawn, share = f"{name} ~ {distribution}", below + 1 - upto
+    if 1 - share < _LEAST:
+        rule = f"must have at least {_LEAST:.0%} of its probability in {inside}"
+        raise InvalidInput(owner, drawn, "", rule)
+    if share > _UNSAID:
+        lost = f"{share:.2%} of its probability, outside {inside}, is cut off"
+        warn(owner, [f"{drawn}: {lost}; draws are of the rest"], strict=False)

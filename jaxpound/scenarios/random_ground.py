@@ -20,7 +20,7 @@ from jaxpound.ground.motion import DIMENSIONLESS, time_unit_of
 from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.wavelets import Pulse, Ricker
 from jaxpound.model.parameters import SMALLEST
-from jaxpound.scenarios.distributions import Distribution, TwoSided, truncated
+from jaxpound.scenarios.distributions import Distribution, TwoSided, require_inside, truncated
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.scenarios.scenarios import NUMBER_BYTES
 
@@ -74,6 +74,7 @@ class RandomRicker(Checked, GroundDraw):
             two_sided = isinstance(self.amplitude, TwoSided)
             object.__setattr__(self, "negative", 0.0 if two_sided else 0.5)
         super().__post_init__()
+        require_inside("RandomRicker", "periods", self.periods, SMALLEST, math.inf)
 
     @property
     def dimension(self) -> int:
@@ -184,6 +185,7 @@ class RandomRecord(Checked, GroundDraw):
 
 
 _PULSE = {name: rule for name, rule, _ in walk(Pulse, Parameter)}  # parameters of a pulse
+_POSITIVE = {name for name, rule in _PULSE.items() if rule.above == 0}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -226,6 +228,8 @@ class RandomPulse(GroundDraw):
                 instance("RandomPulse", name, getattr(self, name), Distribution)
         fixed = {name: getattr(self, name) for name in _PULSE if name not in self._random()}
         Pulse(**dict.fromkeys(_PULSE, 1.0) | fixed, time_unit=self.time_unit)
+        for name in {*self._random()} & _POSITIVE:
+            require_inside("RandomPulse", name, getattr(self, name), SMALLEST, math.inf)
 
     @property
     def dimension(self) -> int:
@@ -241,7 +245,7 @@ class RandomPulse(GroundDraw):
         drawn = {}
         for name, x in zip(self._random(), z, strict=True):
             distribution = getattr(self, name)
-            if _PULSE[name].above == 0:
+            if name in _POSITIVE:
                 drawn[name] = truncated(distribution, x, SMALLEST, math.inf)
             else:
                 drawn[name] = distribution.from_normal(x)

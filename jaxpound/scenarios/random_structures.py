@@ -10,16 +10,14 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.special import ndtr
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, enforce, instance, is_traced, real
+from jaxpound._checks import Rule, enforce, instance, real
 from jaxpound._errors import InvalidInput
 from jaxpound.model.parameters import expanded, interval, paths, put
 from jaxpound.model.system import Structures
-from jaxpound.scenarios.distributions import Distribution, truncated
+from jaxpound.scenarios.distributions import Distribution, require_inside, truncated
 
-_LEAST = 0.1  # smallest probability of a distribution inside the admissible interval
 _DEFINITE = 1e-9  # smallest eigenvalue of a matrix of correlations, above its rounding
 
 
@@ -29,7 +27,9 @@ class UncertainStructures:
 
     A distribution is truncated to its parameter's admissible interval, in which it must have a
     tenth of its probability: order in (0, 1], the rest positive, τ_f ≤ τ_x where τ_x is certain,
-    and τ_x ≥ the τ_f drawn. So every draw is valid.
+    and τ_x ≥ the τ_f drawn. So every draw is valid. A ``PlausibilityWarning`` names what loses more
+    than 0.1 % of its probability; a normal distribution of positive numbers with a standard
+    deviation of 0.3 of its mean loses 0.04 %.
 
     Raises ``ValueError`` if a pattern matches no path.
 
@@ -74,14 +74,7 @@ class UncertainStructures:
         object.__setattr__(self, "uncertain", expanded(owner, self.nominal, self.uncertain))
         for path, distribution in self.uncertain.items():
             instance(owner, path, distribution, Distribution)
-            low, high = self._interval(path, {})
-            if is_traced((low, high)):
-                continue
-            below, upto = (float(ndtr(distribution.to_normal(x))) for x in (low, high))
-            if upto - below < _LEAST:
-                inside = f"[{float(low):.6g}, {float(high):.6g}]"
-                rule = f"must have at least {_LEAST:.0%} of its probability in {inside}"
-                raise InvalidInput(owner, f"{path} ~ {distribution}", "", rule)
+            require_inside(owner, path, distribution, *self._interval(path, {}))
         _ = self.correlations
 
     @property

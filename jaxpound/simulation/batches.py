@@ -50,7 +50,7 @@ def use_cores(n: int | None = None) -> int:
     A run uses one core. ``jax.vmap`` of ``demand`` or ``simulate`` then uses all, if its batch is a
     multiple of n and at least 16 n; ``in_chunks`` uses them for a batch of any size. Call it once,
     before JAX computes anything: it sets ``jax_num_cpu_devices`` of ``jax.config``, and for JAX
-    before 0.12 the environment variable ``PJRT_NPROC``, the number of JAX's threads.
+    before 0.12 the environment variable ``PJRT_NPROC``, the number of JAX's threads, if it is less.
 
     Results lie where they were computed, spread over the devices. Within ``jax.default_device(d)``,
     and only there, arrays that are committed to one device can be batched: nothing is spread.
@@ -64,7 +64,9 @@ def use_cores(n: int | None = None) -> int:
     try:
         jax.config.update("jax_num_cpu_devices", n)
         if jax.__version_info__ < (0, 12):
-            os.environ["PJRT_NPROC"] = str(max(cores, _THREADS * n))
+            own = os.environ.get("PJRT_NPROC", "")
+            threads = max(cores, _THREADS * n, int(own) if own.isdecimal() else 0)
+            os.environ["PJRT_NPROC"] = str(threads)
     except RuntimeError as error:
         started = len(jax.devices("cpu"))
         if started != n:

@@ -25,7 +25,7 @@ from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.response import Response
 from jaxpound.simulation.run import implausible_links, respond
-from jaxpound.simulation.scheme import Scheme, stability_limit
+from jaxpound.simulation.scheme import Scheme, require_stable, stability_limit
 from jaxpound.units import Scales
 
 STEPS_PER_PERIOD = 50
@@ -221,12 +221,12 @@ def record_grid(
     A ``ValueError`` if one of them breaks its rule, whose message starts with ``place``.
     """
     own = float(record.dt)
-    limit = stability_limit(structures, scheme) * float(scales.time)
     if dt is None:
+        limit = stability_limit(structures, scheme) * float(scales.time)
         dt = time_step(natural_periods(structures, scales), limit, own)
     else:
         dt = float(number(place.rstrip(":"), "dt", dt))
-        require_stable(place, dt, limit, "these buildings")
+        require_stable(structures, scheme, dt, place, scales.time)
         if dt > own * (1 + 1e-9):
             rule = f"at most the record's, {own:.6g} s: samples would be skipped"
             raise ValueError(f"{place} dt = {dt:.6g} s must be {rule}")
@@ -254,13 +254,6 @@ def time_step(periods: Iterable[float], limit: float, record_dt: float = math.in
     if record_dt == math.inf:
         return largest
     return record_dt / math.ceil(record_dt / largest * (1 - 1e-9))
-
-
-def require_stable(place: str, dt: float, limit: float, whose: str) -> None:
-    """A ``ValueError`` for a time step, s, with which stepping diverges."""
-    if not 0 < dt < limit:
-        rule = f"positive and below the stability limit {limit:.6g} s of {whose}"
-        raise ValueError(f"{place} dt = {dt:.6g} s must be {rule}")
 
 
 def time_grid(place: str, scales: Scales, duration: float, dt: float) -> TimeGrid:

@@ -90,7 +90,7 @@ def growth(
     instance("growth", "grid", grid, TimeGrid)
     instance("growth", "scheme", scheme, Scheme)
     # The run, whose gaps are traced, cannot check it.
-    require_stable(structures, system, grid, scheme)
+    require_stable(structures, scheme, grid.dt)
     ground_motion = as_run(ground, scheme.finest(grid), gravity_of(structures))
     if gravity_of(structures) is not None:  # the system below knows no unit of time
         ground_motion = sampled(ground_motion, scheme.finest(grid))

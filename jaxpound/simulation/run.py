@@ -220,7 +220,7 @@ def _prepare(
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     require_ground("ground", ground)
-    require_stable(structures, system, grid, scheme)
+    require_stable(structures, scheme, grid.dt)
     require_local_flow(system, scheme)
     if initial is not None:
         instance(owner, "initial", initial, InitialState)

@@ -16,10 +16,10 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.model.dampers import PowerLaw
-from jaxpound.model.hysteresis import before_yield
-from jaxpound.model.places import rod_places
+from jaxpound.model.hysteresis import before_yield, zener_of
+from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import GROUND, Ends, link_groups, rod_groups
+from jaxpound.model.topology import GROUND, Ends, link_groups, rod_groups, storey_rods
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
 from jaxpound.simulation.rod import nyquist_stiffness
@@ -198,17 +198,24 @@ def _unresolved(system: System, dt: float) -> list[str]:
     return []
 
 
-def require_stable(structures: Structures, system: System, grid: TimeGrid, scheme: Scheme) -> None:
-    """An ``InvalidInput`` for a step with which the concrete system of structures diverges."""
+def require_stable(
+    structures: Structures, scheme: Scheme, dt: float, place: str = "grid:", time: Any = None
+) -> None:
+    """An ``InvalidInput`` for a step with which concrete structures diverge.
+
+    ``time`` is the unit of time of dimensionless ones, s, if dt is in s.
+    """
+    system, of_time = structures.system(), float(time or 1)
     if is_traced(system):
         return
     concrete = jax.tree.map(np.asarray, system)
-    if not _courant(concrete, grid.dt, scheme) < 1:
-        unit = "/ω1" if gravity_of(structures) is None else " s"
-        limit = f"{stability_limit(system, scheme):.8g}{unit}"
-        rule = f"must be below the stability limit {limit} of these structures, which "
-        rule += _stiffest(concrete, _nyquist(concrete, grid.dt, scheme)) + " sets"
-        raise InvalidInput("grid", "dt", f"{grid.dt:.8g}{unit}", rule)
+    if dt > 0 and _courant(concrete, dt / of_time, scheme) < 1:
+        return
+    unit = "/ω1" if time is None and gravity_of(structures) is None else " s"
+    limit = stability_limit(system, scheme)
+    rule = f"must be positive and below the stability limit {limit * of_time:.8g}{unit} of these "
+    rule += f"structures, set by {_stiffest(concrete, limit, scheme, of_time, unit)}"
+    raise InvalidInput("", f"{place} dt", f"{dt:.8g}{unit}", rule)
 
 
 def require_local_flow(system: System, scheme: Scheme) -> None:
@@ -253,14 +260,25 @@ def _courant(system: System, dt: Any, scheme: Scheme) -> Any:
     return dt**2 / 4 * _largest_eigenvalue(system, _nyquist(system, dt, scheme))
 
 
-def _stiffest(system: System, stiffness: list[Any]) -> str:
-    """The rod with the largest stiffness over the masses at its ends, in words."""
-    rates = [
-        np.max(k * sum(1 / system.masses[i] for i in ends if i != GROUND))
-        for k, ends in zip(stiffness, system.topology.rods, strict=True)
-    ]
-    rod = int(np.argmax(rates))
-    return f"rods.{rod} ({rod_places(system.topology)[rod]})"
+_STIFFENED = 2.0  # times as stiff as at rest: a larger tau_f would allow longer steps
+
+
+def _stiffest(system: System, limit: float, scheme: Scheme, time: float, unit: str) -> str:
+    """In words the rod with the largest stiffness at the limit over the masses at its ends."""
+    topology, stiffness = system.topology, _nyquist(system, limit, scheme)
+    masses = [[system.masses[i] for i in ends if i != GROUND] for ends in topology.rods]
+    rates = [k * sum(1 / m for m in ends) for k, ends in zip(stiffness, masses, strict=True)]
+    r = int(np.argmax(rates))
+    part, law, ends = rod_places(topology)[r], zener_of(system.rods[r].material), topology.rods[r]
+    if r not in storey_rods(topology) and ends in topology.links:
+        k = topology.links.index(ends)
+        part = f"the damper of link {k + 1} ({link_places(topology)[k]})"
+    if law is None or (times := float(stiffness[r] / system.rods[r].stiffness)) < _STIFFENED:
+        return part
+    order = float(law.order)
+    tau = f"{float(law.tau_f) * time**order:.4g}{f'{unit}^{order:.4g}' if unit == ' s' else ''}"
+    tau = tau.removesuffix("^1")
+    return f"{part}, which its small tau_f = {tau} makes {times:.3g} times as stiff as at rest"
 
 
 def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:

@@ -9,7 +9,7 @@ import jaxpound as jp
 from jaxpound.cli import design, files, montecarlo, report
 from jaxpound.cli.reading import File
 from jaxpound.model.places import link_places
-from tests.cli.commands import changed, layout_of, run
+from tests.cli.commands import changed, layout_of, refusal, run
 from tests.cli.written import number, summary, tables
 
 STUDY, DESIGN = (files.example(command, "row") for command in ("montecarlo", "design"))
@@ -32,6 +32,20 @@ def test_the_example_s_random_storeys():
         b, i = (int(part) for part in re.findall(r"\d+", path))
         stated = layout.structures.buildings[b].rods[i].stiffness
         assert float(drawn[path]) == pytest.approx(float(stated))
+
+
+def test_what_a_range_cuts_off_is_said_by_the_key_of_the_file(tmp_path, capsys):
+    path, orders = tmp_path / "row.toml", '"building.2.storey.*.order"'
+    path.write_text(changed(STUDY, f'"building.*.floor -> {orders} = {{uniform = [0.8, 8.0]}}'))
+    file = File("row.toml", path.read_text())
+    with pytest.warns(jp.PlausibilityWarning) as warned:
+        montecarlo.prepared(file, file.read(montecarlo.StudyConfig))
+    assert len(warned) == 3
+    for i, warning in enumerate(warned, start=1):
+        says = rf"\[uncertain\], in SI units: building.2.storey.{i}.order ~ Uniform\(low=.*cut off"
+        assert re.search(says, str(warning.message))
+    line = refusal(capsys, "montecarlo", path, "--store", tmp_path / "store", "--strict")
+    assert "row.toml: [uncertain], in SI units: building.2.storey.1.order ~" in line
 
 
 def test_a_study_of_a_row_and_its_report(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals
 from tests.test_tables import assert_shown
 
@@ -40,6 +41,7 @@ def test_known_parameters_are_found_within_their_intervals():
         assert estimate.low < value < estimate.high, path
         assert estimate.high - estimate.low < 0.1 * value
     assert found.noise == pytest.approx(STD, rel=0.15)
+    assert_survives_pickling(found)
     assert found.structures.rod_2.tau_x == TRUTH.rod_2.tau_x
     np.testing.assert_allclose(np.diag(found.correlation), 1)
     left = measured(0)["x1"] - np.asarray(found.response.x1)

@@ -23,6 +23,7 @@ from jaxpound.design.problem import DesignProblem
 from jaxpound.results.named import LIMITED_OF_PAIR, kind_of
 from tests.design.layouts import parameters_of_pair
 from tests.made import OF_CONTACT
+from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 from tests.test_tables import assert_shown
 
@@ -176,6 +177,7 @@ def test_single_precision_searches_too(stand_in):
     assert found.history.objective.dtype == np.float32
     assert found.values["friction"] == pytest.approx(0.5, rel=2e-3)
     np.testing.assert_allclose(front.prices, [0.3, 0.5, 0.6], rtol=1e-2)
+    assert_survives_pickling((found, found.trained, front))
     assert front.designs[0].objective_function.limits["damper_force"].at_most == pytest.approx(0.3)
     assert not front.designs[-1].objective_function.limits
 
@@ -220,7 +222,7 @@ def test_why_no_start_is_finite(stand_in):
     stand_in(lambda mu, rho, a: jnp.nan * mu)
     for grid, message in (
         (GRID, r"all 3 starts must be finite.*earthquake 0 of 8 gives no"),
-        (jp.TimeGrid(1.5, 20), r"earthquake 0: .*must be below the stability limit"),
+        (jp.TimeGrid(1.5, 20), r"earthquake 0: .*must be positive and below the stability limit"),
     ):
         refused(message, search, grid=grid)
     ensemble = dataclasses.replace(ENSEMBLE, uncertain={"mass_ratio": -np.ones(8)})

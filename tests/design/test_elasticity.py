@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 from tests.test_tables import assert_shown
 
@@ -23,6 +24,7 @@ def test_elasticities_are_relative_derivatives():
         return np.mean([float(run.peak_x1) for run in runs])
 
     assert found.value == pytest.approx(mean(PAPER))
+    assert_survives_pickling(found)
     rod = PAPER.rod_2
     for path, change in (
         ("friction", lambda f: {"friction": PAPER.friction * f}),

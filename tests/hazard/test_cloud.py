@@ -10,6 +10,7 @@ import jaxpound as jp
 from tests.ground.test_suite import SUITE
 from tests.hazard.test_ida import GAP, PAIR, SCALES, analysed
 from tests.hazard.test_stripes import ROW, ROW_SCALES
+from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals
 
 RANDOM = np.random.default_rng(3)
@@ -69,6 +70,7 @@ def test_records_as_they_are():
     np.testing.assert_allclose(cloud.demand, single.demands[:, 0], rtol=1e-10)
     assert cloud.threshold == pytest.approx(GAP)
     assert "required gap (m) of 3 records over PGA (g)" in repr(cloud)
+    assert_survives_pickling(cloud)
 
 
 test_wrong_arguments = refusals(

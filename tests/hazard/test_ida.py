@@ -9,6 +9,7 @@ import jaxpound as jp
 from jaxpound.hazard import suite_runs
 from jaxpound.hazard.ida import Brackets, by_newton, by_sections
 from tests.ground.test_suite import SUITE
+from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 
 LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
@@ -192,6 +193,7 @@ def test_a_store_serves_other_questions_of_the_same_runs_and_damage_is_told(coun
     assert_same(analysed(**stored, measure=SUITE.pgas), first)
     strip = jp.multiple_stripes(PAIR, SUITE, intensities=LADDER, scales=SCALES, **stored)
     np.testing.assert_array_equal(strip.demands, first.demands.T)
+    assert_survives_pickling((first, first.fragility(), strip))
     for changed, words in (
         ({"demand": "peak_x1", "threshold": 0.02}, "demand is 'required_gap' there and 'peak_x1'"),
         ({"records": SUITE.scaled([1.0, 1.0, 2.0])}, "records.* there and .* here"),

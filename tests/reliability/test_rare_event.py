@@ -11,6 +11,7 @@ import jaxpound as jp
 from jaxpound.reliability.design_points import DesignPoints, find_design_points
 from jaxpound.reliability.importance import signs_of_missed_failures
 from jaxpound.reliability.run import event_of
+from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 from tests.reliability import case_w
 from tests.reliability.test_hidden_failures import Analytic
@@ -319,6 +320,7 @@ def test_the_friction_for_a_probability(tmp_path, monkeypatch):
     warm = jp.reach_probability("friction", *args, **options, store=tmp_path)
     assert warm.value == pytest.approx(cold.value, rel=0.05)
     assert warm.gradients < cold.gradients
+    assert_survives_pickling(warm)
     with monkeypatch.context() as patch:
         patch.setattr(jp.LimitState, "gradients", None)
         again = jp.reach_probability("friction", *args, **options, store=tmp_path)

@@ -16,6 +16,7 @@ from scipy.special import ndtr, ndtri
 import jaxpound as jp
 from jaxpound.reliability.run import event_of
 from jaxpound.reliability.subset import simulated
+from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 
 GRID = jp.TimeGrid.until(4.0, dt=0.1)
@@ -51,6 +52,8 @@ def test_a_half_normal_peak(scaled, four):
         assert event.beta == pytest.approx(-float(ndtri(event.probability)))
         assert (event.warnings, event.gradients, event.design_points.shape) == ((), 0, (0, 4))
         assert np.isnan(event.form)
+        again = assert_survives_pickling(event)
+    np.testing.assert_array_equal(again.limit_state.values(four.points[:3]), four.values[:3])
 
 
 def test_the_weighted_points_are_a_sample_whose_tail_falls_as_a_normal_one(four):

@@ -11,6 +11,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.results.elements import without_idle_dampers
+from tests.pickled import assert_survives_pickling
 from tests.refusals import refused
 from tests.study.test_run import LINEAR, study
 
@@ -33,6 +34,10 @@ def test_a_run_is_a_row_an_instant_in_a_folder_that_is_there(batch, tmp_path):
     for write in (batch.to_csv, batch.to_parquet, jp.read_record):
         with pytest.raises(FileNotFoundError, match=f"{file}: the folder {file.parent} is missing"):
             write(file)
+
+
+def test_runs_and_batches_survive_pickling(batch):
+    assert_survives_pickling((batch, batch[1], batch[1].demand, batch[1].energy, SCALES))
 
 
 def test_a_batch_of_runs_has_their_numbers_and_a_batch_of_batches_one_an_axis(batch):

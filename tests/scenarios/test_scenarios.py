@@ -40,6 +40,7 @@ distributions = st.one_of(
 )
 
 
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
 @given(st.dictionaries(st.sampled_from(PATHS), distributions, min_size=1), st.data())
 def test_no_draw_is_invalid(uncertain, data):
     """Whatever the distributions: τ_x ≥ τ_f, orders in (0, 1], the rest of its sign."""
@@ -65,7 +66,8 @@ def test_distributions_far_from_bounds_stay_and_relaxation_times_keep_their_orde
     # τ_f below a certain τ_x; τ_x above the τ_f drawn, as given that it is above.
     same = jp.LogNormal(1.0, 0.5)
     z = jnp.asarray(np.random.default_rng(0).normal(size=(20_000, 2)))
-    alone = jp.UncertainStructures(PAPER, {"rod_1.tau_f": jp.LogNormal(1.183, 0.5)})
+    with pytest.warns(jp.PlausibilityWarning, match=r"rod_1.tau_f .*: 50.00% .* \[1e-30, 1.183\]"):
+        alone = jp.UncertainStructures(PAPER, {"rod_1.tau_f": jp.LogNormal(1.183, 0.5)})
     tau_f = jax.jit(jax.vmap(alone.draw))(z[:, :1]).rod_1.tau_f
     expected = stats.truncnorm(-np.inf, 0.0, scale=0.5)
     assert stats.kstest(np.log(tau_f / 1.183), expected.cdf).pvalue > 0.01
@@ -183,6 +185,33 @@ def test_parts_combine_in_order_with_names_and_derivatives():
     h = 1e-6
     numeric = [(total(z + h * e) - total(z - h * e)) / (2 * h) for e in np.eye(z.size)]
     np.testing.assert_allclose(slopes, numeric, rtol=1e-6, atol=1e-8)
+
+
+def random_structures(distribution):
+    return jp.UncertainStructures(PAPER, {"friction": distribution})
+
+
+def random_periods(distribution):
+    return jp.RandomRicker(2, U, distribution, U)
+
+
+def random_pulse(distribution):
+    return jp.RandomPulse(0.1, distribution, 1.0)
+
+
+@pytest.mark.parametrize("draw", [random_structures, random_periods, random_pulse])
+def test_what_a_range_cuts_off_is_said_where_it_matters(draw):
+    lost = r"~ Normal\(mean=1.0, std=0.5\): 2.28% of its prob.*, outside \[.*, inf\], is cut off"
+    with pytest.warns(jp.PlausibilityWarning, match=lost) as warned:
+        draw(jp.Normal(1.0, 0.5))
+    assert warned[0].filename == __file__
+    for silent in (jp.Normal(1.0, 0.3), jp.LogNormal(1.0, 2.0)):
+        draw(silent)
+    refused("must have at least 10% of its probability in", draw, jp.Normal(-1.0, 0.5))
+
+    # In a traced function likewise; a traced distribution is not judged.
+    assert float(jax.jit(lambda x: draw(jp.Normal(1.0, 0.3)).dimension + x)(0.5)) > 1
+    assert float(jax.jit(lambda x: draw(jp.Normal(x, 0.5)).dimension + x)(0.5)) > 1
 
 
 U, LOW = jp.Uniform(0.1, 1.0), {"rod_1.tau_x": jp.Uniform(0.0, 0.004)}

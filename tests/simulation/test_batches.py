@@ -1,3 +1,4 @@
+import os
 import re
 import subprocess
 import sys
@@ -108,6 +109,15 @@ def test_cores_cannot_change_once_jax_has_started():
     assert jp.use_cores(len(jax.devices("cpu"))) == len(jax.devices("cpu"))
     with pytest.raises(RuntimeError, match="use_cores: n = 77 must be set before JAX computes"):
         jp.use_cores(77)
+
+
+def test_a_larger_number_of_threads_of_the_user_s_own_is_kept(monkeypatch):
+    monkeypatch.setattr(jax.config, "update", lambda *_: None)  # as before JAX starts
+    needs_none = jax.__version_info__ >= (0, 12)
+    for own, is_enough in (("1000", True), ("1", False), ("many", False)):
+        monkeypatch.setenv("PJRT_NPROC", own)
+        jp.use_cores(1)
+        assert (os.environ["PJRT_NPROC"] == own) is (is_enough or needs_none)
 
 
 SHARDED = """

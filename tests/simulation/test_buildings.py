@@ -1,5 +1,6 @@
 """Buildings and a record in SI units: the run of the dimensionless system, in one call."""
 
+import dataclasses
 import re
 from functools import partial
 from pathlib import Path
@@ -109,7 +110,38 @@ def test_slip_force_gap_and_a_law_of_contact_may_be_traced():
     assert jax.eval_shape(touching, 1e9).shape == ()
 
 
-LIMIT = r"dt = 1 s must be positive and below the stability limit .* s of these buil"
+def test_a_step_above_the_limit_is_refused_with_the_part_that_sets_it_in_both_units():
+    viscous = jp.Building.from_period(500e3, 0.9, 0.05, order=1, tau_f=1e-6)  # as in the docs
+    pair = jp.Buildings((viscous, RIGHT), jp.floor_links((viscous, RIGHT), gap=0.1))
+    structures, scales = pair.dimensionless()
+    tau_f, grid = 1e-6 / float(scales.time), jp.TimeGrid(0.01, 100)
+    says = r"must be positive and below the stability limit \S+ of these .*, set by building 1"
+    stiff = f"{says}, which its small tau_f = 1e-06 s makes .* times as stiff as at rest"
+    for run, *args in (
+        (partial(jp.simulate_buildings, viscous, **DAMPED, dt=0.01), RIGHT, RECORD),
+        (jp.demand, pair, RECORD, grid),
+    ):
+        refused(stiff.replace(r"\S+", r"\S+ s"), run, *args)
+    once = stiff.replace("1e-06 s", f"{tau_f:.4g}")
+    refused(once, jp.demand, structures, jp.paper.ground(), scales.grid(1.0, 0.01))
+
+
+def test_the_part_that_sets_the_limit_is_a_storey_a_building_or_the_damper_of_a_link():
+    high, low = (jp.ShearBuilding.from_period(n, 3e5, n / 6, 0.05) for n in (3, 2))
+    row = partial(jp.simulate_row, (high, low), record=RECORD)
+    (first, second), stiff = jp.floor_links((high, low), gap=0.05), jp.PowerLaw(1e6, 1.0, 1.0)
+    braced = dataclasses.replace(second, damper=jp.Rod(stiff, 1e11))
+    elastic = jp.Building(4e5, 1e7, order=1.0, tau_f=0.1, tau_x=0.1)
+    other = dataclasses.replace(elastic, stiffness=1e6)
+    for part, run in (
+        ("storey 2 of building 2", partial(row, links=(first, second), dt=0.3)),
+        (r"the damper of link 2 \(1–2, floor 2\)", partial(row, links=(first, braced), dt=0.02)),
+        ("building 2", partial(jp.simulate_buildings, other, elastic, RECORD, **DAMPED, dt=0.5)),
+    ):
+        refused(rf"^simulate_\w+: dt = \S+ s must .* of these structures, set by {part}$", run)
+
+
+LIMIT = r"dt = 1 s must be positive and below the stability limit .* s of these str"
 FILE = "record = 'mine.at2' must be of type Record; read_record reads one from a file"
 NO_BUILDING = "building_1 = .*; simulate and demand take dimensionless structures"
 SWEEP = r"of shape \(2,\) must be one number: a sweep is jax\.vmap"

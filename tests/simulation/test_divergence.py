@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from tests.pickled import assert_survives_pickling
 from tests.reference import load
 from tests.refusals import refused
 from tests.simulation.pairs import DIFFERENTIATED, FORCES, GRID, growth, law, run
@@ -70,6 +71,7 @@ def test_growth_and_horizon_are_those_of_the_runs_of_neighbouring_gaps(sensitive
         assert touched > 50
         assert (grown.factor[: touched - 1] == 0).all()
         assert grown.end == grown.factor[-1] > 100
+        assert_survives_pickling(grown)
         # The horizon is where the error is as large as is allowed.
         horizon = float(grown.horizon(1e-3, share=0.1))
         i = round(horizon / GRID.dt)

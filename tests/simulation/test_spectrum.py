@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 
 TIME = 0.02 * np.arange(200)
@@ -44,6 +45,7 @@ def test_oscillators_under_el_centro_have_the_exact_ductilities():
 def test_a_stronger_oscillator_stays_elastic(elastic):
     spectrum = of_burst(strength=1.5 * elastic)
     np.testing.assert_allclose(spectrum.ductility, 1 / 1.5, rtol=1e-3)
+    assert_survives_pickling(spectrum)
     peak = elastic * jp.STANDARD_GRAVITY * (PERIODS / (2 * np.pi)) ** 2
     np.testing.assert_allclose(spectrum.displacement, np.broadcast_to(peak, (3, 3)), rtol=1e-3)
     np.testing.assert_array_equal(spectrum.period, np.broadcast_to(PERIODS, (3, 3)))

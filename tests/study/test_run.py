@@ -343,7 +343,7 @@ def test_scenarios_that_fail_are_named_or_kept_and_left_out(tmp_path):
     words = r"scenario \d+ fails: "
     order = r".*order = 2 must be in \(0, 1\]"
     refused(words + order, study, FAILING, store=tmp_path / "study")
-    refused(f"{words}.*must be below the stability limit", study, FAILING, key=10)
+    refused(f"{words}.*must be positive and below the stability limit", study, FAILING, key=10)
     # An error in a worker reaches the caller and stops the rest.
     with ThreadPoolExecutor(1) as threads:
         refused("fails", study, FAILING, executor=threads, store=tmp_path / "threads")

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxpound as jp
+from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 from tests.study.test_run import GRID, SLIDING
 from tests.test_tables import assert_shown
@@ -26,6 +27,7 @@ def test_indices_of_a_product_are_its_closed_form():
         assert found.total[name].value == pytest.approx(total / variance, abs=0.02)
         assert found.first[name].low - 0.02 <= first / variance <= found.first[name].high + 0.02
     assert found.runs == 2048 * 5
+    assert_survives_pickling(found)
     shown = assert_shown(found)
     at = shown.index("two")
     assert shown[at + 1 : at + 3] == [str(found.first["two"]), str(found.total["two"])]
