@@ -78,7 +78,7 @@ class ContactLaw(Protocol):
             δ', positive in approach.
         touch_speed
             δ' at the touch, where this contact began; in runs above 0, at least a hundredth of what
-            the relative acceleration adds in a step.
+            the relative acceleration adds in a step, without the links' forces too.
         """
 
 
@@ -274,8 +274,8 @@ class Hertz:
 class HertzDamped(_DampedLaw):
     r"""Hertz's contact with damping in proportion to it, :math:`p = k δ^{3/2} (1 + Z δ'/v_0)`.
 
-    v0 is the speed at the touch; for blocks that touch at rest the force is that of ``Hertz``. The
-    form is that of Hunt and Crossley (1975); the laws of the literature differ in Z:
+    v0 is the speed at the touch; at v0 = 0, which runs avoid (``ContactLaw.force``), the force is
+    Hertz's. The form is that of Hunt and Crossley (1975); the laws of the literature differ in Z:
 
     ===================  =============================  ===========================
     ``damping``          Z                              restitution of a collision

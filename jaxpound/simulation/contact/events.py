@@ -309,7 +309,7 @@ _TOUCH = Event(
 
 
 def _collide(setting: Setting, x: FlowState, now: Forces, collides: jax.Array) -> FlowState:
-    """The state after impacts by Newton's law, which also change the speeds of links beside them.
+    """The state after impacts by Newton's law, and so with other speeds and forces beside them.
 
     A link is put at rest when its remaining bounces would take less than 1 % of a step (Zeno).
     """
@@ -338,10 +338,10 @@ def _collide(setting: Setting, x: FlowState, now: Forces, collides: jax.Array) -
     x = _record_turns(setting, x, turned, slip)
     lost = row(x.y, "lost") + blow * (speed - rebound) / 2
     y = _replaced(x.y, jnp.ones_like(collides), w=w, lost=lost)
-    x = x._replace(
-        y=_replaced(y, collides, impulse=blow),
-        contact=_in_mode(x, struck & (x.contact.mode == REST), APART),
-    )
+    raw, _ = laws.of_contact(row(y, "s"), w, x.regime)
+    clips, rest = struck & laws.clips & x.regime.deformed, struck & (x.contact.mode == REST)
+    mode = jnp.where(clips, jnp.where(raw < 0, records.CLIPPED, PRESSED), APART)
+    x = x._replace(y=_replaced(y, collides, impulse=blow), contact=_in_mode(x, clips | rest, mode))
     x = _end_impacts(setting, x, collides)
     return x._replace(slip=slip, contact=_in_mode(x, rests, REST))
 

@@ -1,0 +1,196 @@
+"""Masses on Zener rods of order 1, from event to event: a solver of its own, with SciPy.
+
+Nothing of jaxpound is used. Mass i hangs on a rod from the ground, f + τf f' = K (x + τx x'); link
+k joins masses i and j, and its closing is x_i − x_j. A ``Face`` closes as side · closing exceeds
+its gap. Its law is the restitution of Newton's law, a number, or a force as a function of
+penetration, its rate and the touch speed, which pushes only. Friction is set-valued.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+ACCURACY = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-13}
+LONGEST = 5e-3  # substep, at whose ends events are looked for
+REST = 1e-7  # duration of a flight below which rebounds are over
+SMALL = 1e-9  # forces, and closings, that count as none
+
+
+class Face(NamedTuple):
+    link: int
+    side: int
+    gap: float
+    law: float | Callable
+
+    @property
+    def is_rigid(self):
+        return isinstance(self.law, float)
+
+
+class Run:
+    """A system, and its state: x and x' of the masses, f of the rods.
+
+    A touch speed is at least ``least`` times the largest acceleration since the touch that the
+    closing would have without the forces of links.
+    """
+
+    def __init__(self, masses, stiffnesses, times, ends, friction, faces, ground, least=0.0):
+        self.m, self.k, (self.tau_f, self.tau_x) = map(np.array, (masses, stiffnesses, times))
+        self.n, self.friction, self.faces = len(masses), friction, faces
+        self.ground, self.least = ground, least
+        self.b = np.array([[(i == k) - (j == k) for k in range(self.n)] for i, j in ends], float)
+        self.g = self.b / self.m @ self.b.T
+        self.t, self.state, self.flight = 0.0, np.zeros(3 * self.n), np.inf
+        self.slip, self.touch_speeds = np.zeros(len(ends)), np.zeros(len(faces))
+        self.closed = np.zeros(len(faces), bool)
+
+    def path(self, instants):
+        """Displacements of the masses at these instants, (instants, masses)."""
+        x = []
+        for instant in instants:
+            while self.t < instant - 1e-13:
+                self.advance(instant)
+            x.append(self.state[: self.n])
+        return np.array(x)
+
+    def advance(self, until):
+        """To the next event, or to ``until``; no substep is longer than an eighth of a flight."""
+        events, longest = self.events(), min(LONGEST, self.flight / 8)
+        span, self.flight = (self.t, min(until, self.t + 4 * self.flight)), np.inf
+        for value, _, _ in events:
+            value.terminal, value.direction = True, -1
+        values = [value for value, _, _ in events]
+        run = solve_ivp(self.rates, span, self.state, events=values, max_step=longest, **ACCURACY)
+        self.t, self.state = run.t[-1], run.y[:, -1].copy()
+        pulls = self.least * np.abs(self.b @ self.free(self.t, self.state))
+        self.touch_speeds = np.maximum(self.touch_speeds, [pulls[x.link] for x in self.faces])
+        for (_, effect, which), times in zip(events, run.t_events, strict=True):
+            if times.size:
+                effect(which)
+                self.settle()
+                return
+
+    def free(self, t, state):
+        """Accelerations without the forces of links."""
+        return -state[2 * self.n :] / self.m - self.ground(t)
+
+    def forces(self, t, state):
+        """Accelerations, and by link all of its forces, and those of contact laws."""
+        free, contact, held = self.free(t, state), np.zeros(len(self.b)), self.slip == 0
+        for c, face in enumerate(self.faces):
+            if self.closed[c] and not face.is_rigid:
+                touch_speed = max(self.touch_speeds[c], self.least * abs(self.b[face.link] @ free))
+                depth, speed = max(self.depth(state, c), 0.0), self.approach(state, c)
+                contact[face.link] += face.side * max(face.law(depth, speed, touch_speed), 0.0)
+        total = self.friction * self.slip + contact
+        if held.any():
+            pull = self.b @ free - self.g @ np.where(held, 0.0, total)
+            total[held] = np.linalg.solve(self.g[np.ix_(held, held)], pull[held])
+        return free - self.b.T @ total / self.m, total, contact
+
+    def rates(self, t, state):
+        x, v, f = state.reshape(3, -1)
+        return np.concatenate(
+            [v, self.forces(t, state)[0], (self.k * (x + self.tau_x * v) - f) / self.tau_f]
+        )
+
+    def speed(self, state, k):
+        return self.b[k] @ state[self.n : 2 * self.n]
+
+    def approach(self, state, c):
+        return self.faces[c].side * self.speed(state, self.faces[c].link)
+
+    def depth(self, state, c):
+        face = self.faces[c]
+        return face.side * (self.b[face.link] @ state[: self.n]) - face.gap
+
+    def holding(self, t, state, k):
+        """The friction that holds a link."""
+        _, total, contact = self.forces(t, state)
+        return total[k] - contact[k]
+
+    def resting(self, k):
+        """The side on which a link is closed at rest, or 0."""
+        rigid = (x.side * (x.link == k and x.is_rigid) for x in self.faces)
+        return sum(side for side, closed in zip(rigid, self.closed, strict=True) if closed)
+
+    def margin(self, t, state, k):
+        """What a link that does not slide lacks to being moved."""
+        if side := self.resting(k):
+            return side * self.forces(t, state)[1][k] + self.friction
+        return self.friction - abs(self.holding(t, state, k))
+
+    def events(self):
+        """Functions of time and state whose fall below zero is an event, its effect, and where."""
+        events = []
+        for k, slip in enumerate(self.slip):
+            if slip:
+                events.append((lambda _, z, k=k: self.slip[k] * self.speed(z, k), self.turn, k))
+            else:
+                events.append((lambda t, z, k=k: self.margin(t, z, k), self.slide, k))
+        for c, face in enumerate(self.faces):
+            if self.slip[face.link] and not self.closed[c]:
+                events.append((lambda _, z, c=c: -self.depth(z, c), self.touch, c))
+            elif self.slip[face.link]:
+                events.append((lambda _, z, c=c: self.depth(z, c), self.release, c))
+        return events
+
+    def settle(self):
+        """Links are moved at once where forces beside them have jumped."""
+        for k, slip in enumerate(self.slip):
+            if not slip and self.margin(self.t, self.state, k) < -SMALL:
+                self.slide(k)
+                self.settle()
+                return
+
+    def slide(self, k):
+        side = self.resting(k)
+        slip = -side if side else np.sign(self.holding(self.t, self.state, k))
+        for c, face in enumerate(self.faces):
+            if face.link == k and face.is_rigid:
+                self.closed[c] = False
+        self.set_off(k, slip)
+
+    def set_off(self, k, slip):
+        """Slide from rest; a gap of 0 on that side closes."""
+        self.slip[k] = slip
+        for c, face in enumerate(self.faces):
+            ahead = face.link == k and face.side == slip and not self.closed[c]
+            if ahead and abs(self.depth(self.state, c)) < SMALL:
+                self.touch(c)
+
+    def turn(self, k):
+        before, self.slip[k] = self.slip[k], 0.0
+        self.push(k, -self.speed(self.state, k))
+        if abs(self.holding(self.t, self.state, k)) > self.friction:
+            self.set_off(k, -before)
+
+    def push(self, k, change):
+        """Change the speed of a link by a blow."""
+        self.state[self.n : 2 * self.n] += self.b[k] / self.m * change / self.g[k, k]
+
+    def release(self, c):
+        self.closed[c] = False
+
+    def touch(self, c):
+        (k, side, _, law), speed = self.faces[c], max(self.approach(self.state, c), 0.0)
+        if not self.faces[c].is_rigid:
+            self.closed[c], self.touch_speeds[c] = True, speed
+            return
+        self.slip[k] = -side
+        after_blow = -side * self.b[k] @ self.forces(self.t, self.state)[0]
+        flight = 2 * law * speed / max(-after_blow, 1e-3)
+        if flight < REST:
+            self.push(k, -side * speed)
+            self.slip[k], self.closed[c] = 0.0, True
+            return
+        before, self.flight = self.b @ self.state[self.n : 2 * self.n], flight
+        self.push(k, -side * (1 + law) * speed)
+        after = self.b @ self.state[self.n : 2 * self.n]
+        struck = after != before
+        self.slip[struck] = np.sign(after[struck])
+        for other, face in enumerate(self.faces):
+            if face.is_rigid and struck[face.link]:
+                self.closed[other] = False
