@@ -81,9 +81,11 @@ def _steps(response: Response) -> dict[int, dict[int, np.ndarray]]:
     for group in link_groups(topology):
         if any(links[k].contact for k in group.links):
             of_group, _ = coupling(topology, group, links, inverse, inerters)
-            pull = jnp.stack([pulls[k] for k in group.links], -1)
+            pull = np.stack([pulls[k] for k in group.links], -1)
+            closing = np.stack([elongation(links[k].ends, x) for k in group.links], -1)
             of_links = [response.links[k] for k in group.links]
-            for m, points in _flows(response.time, of_links, of_group, pull, group.faces):
+            motion = response.time, closing, pull
+            for m, points in _flows(motion, of_links, of_group, group.faces):
                 for j, k in enumerate(group.links):
                     if links[k].contact:
                         steps.setdefault(k, {})[m] = points[:, :, j].T
@@ -91,9 +93,16 @@ def _steps(response: Response) -> dict[int, dict[int, np.ndarray]]:
 
 
 def _flows(
-    time: Any, links: Sequence[LinkResponse], group: Coupling, pull: Any, faces: tuple[int, ...]
+    motion: tuple[Any, Any, Any],
+    links: Sequence[LinkResponse],
+    group: Coupling,
+    faces: tuple[int, ...],
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Numbers of the instants before contact, and the paths to the next, (points, 3, f)."""
+    """Numbers of the instants before contact, and the paths to the next, (points, 3, f).
+
+    ``motion`` are times, and closings and pulls of the links, (n, f).
+    """
+    time, closing, pull = motion
 
     def series(name: str) -> np.ndarray:
         of_each = (getattr(link, name) for link in links)
@@ -102,10 +111,11 @@ def _flows(
     depth, velocity, force = -series("gap"), series("slip_velocity"), series("contact")
     modes = np.where(depth <= 0, APART, np.where(force == 0, CLIPPED, PRESSED))
     met, gaps = series("touching").max(-1), group.gaps
-    contact = Contact(*[0 * gaps] * len(Contact._fields))
+    none = np.zeros(gaps.size)  # not 0 times the gaps, which may be infinite
+    contact = Contact(*[none] * len(Contact._fields))
     for m in np.flatnonzero(np.maximum(met[1:], met[:-1])).tolist():
         inputs = FlowInput(
-            closing=gaps + depth[m],
+            closing=closing[m],
             velocity=velocity[m],
             pull=(pull[m] + pull[m + 1]) / 2,
             rise=pull[m + 1] - pull[m],
@@ -117,4 +127,4 @@ def _flows(
             contact=contact._replace(mode=modes[m]),
         )
         points, contact = path(time[1] - time[0], inputs, faces)
-        yield m, points + np.stack([0 * gaps + time[m], -gaps, 0 * gaps])
+        yield m, points + np.stack([none + time[m], -gaps, none])

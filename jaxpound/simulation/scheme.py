@@ -19,7 +19,7 @@ from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import before_yield, zener_of
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import GROUND, Ends, link_groups, rod_groups, storey_rods
+from jaxpound.model.topology import GROUND, Ends, Topology, link_groups, rod_groups, storey_rods
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
 from jaxpound.simulation.rod import nyquist_stiffness
@@ -189,11 +189,10 @@ def _unresolved(system: System, dt: float) -> list[str]:
         lag, steps = c * dt / 2 * sum(1 / float(m) for m in masses), dt * stiffness / c
         if steps > _RESOLVED and lag > _NO_LAG:
             return [
-                f"rods.{r}: dt = {dt:.4g} should be at most {_RESOLVED:g} times c/K = "
-                f"{c / stiffness:.4g} of a damper with c = F/v = {c:.4g} on a brace of K = "
-                f"{stiffness:.4g}: its force lags by half a step, an error of first order in dt "
-                f"like {lag:.2%} less mass; take dt below {_RESOLVED * c / stiffness:.3g}, or a "
-                f"softer brace, K below {_RESOLVED * c / dt:.3g}"
+                f"{_part(system.topology, r)}: dt is {steps:.3g} times c/K, with c = F/v of the "
+                f"dashpot and K of its brace, and should be at most {_RESOLVED:g} times: the force "
+                f"lags by half a step, an error of first order in dt like {lag:.2%} less mass; "
+                f"take dt, or the stiffness of the brace, {steps / _RESOLVED:.3g} times smaller"
             ]
     return []
 
@@ -269,16 +268,22 @@ def _stiffest(system: System, limit: float, scheme: Scheme, time: float, unit: s
     masses = [[system.masses[i] for i in ends if i != GROUND] for ends in topology.rods]
     rates = [k * sum(1 / m for m in ends) for k, ends in zip(stiffness, masses, strict=True)]
     r = int(np.argmax(rates))
-    part, law, ends = rod_places(topology)[r], zener_of(system.rods[r].material), topology.rods[r]
-    if r not in storey_rods(topology) and ends in topology.links:
-        k = topology.links.index(ends)
-        part = f"the damper of link {k + 1} ({link_places(topology)[k]})"
+    part, law = _part(topology, r), zener_of(system.rods[r].material)
     if law is None or (times := float(stiffness[r] / system.rods[r].stiffness)) < _STIFFENED:
         return part
     order = float(law.order)
     tau = f"{float(law.tau_f) * time**order:.4g}{f'{unit}^{order:.4g}' if unit == ' s' else ''}"
     tau = tau.removesuffix("^1")
     return f"{part}, which its small tau_f = {tau} makes {times:.3g} times as stiff as at rest"
+
+
+def _part(topology: Topology, rod: int) -> str:
+    """A rod in words: a storey, or the damper of a link."""
+    ends = topology.rods[rod]
+    if rod in storey_rods(topology) or ends not in topology.links:
+        return rod_places(topology)[rod]
+    k = topology.links.index(ends)
+    return f"the damper of link {k + 1} ({link_places(topology)[k]})"
 
 
 def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:

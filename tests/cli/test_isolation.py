@@ -258,7 +258,7 @@ storeys = {{number = 1, mass = 3e5, period = 0.3, damping_ratio = 0.03}}
 {PENDULUMS}, friction = 0.03, wall = {{gap = [0.06, 0.08], {CONTACT}}}}}
 [[link]]
 building = 1\nfloor = 2\nnext_building = 1
-damper = {{law = "power", force = 4e5, exponent = 0.3, stiffness = 1e8}}
+damper = {{law = "power", force = 4e5, exponent = 0.3, stiffness = 7e7}}
 [run]
 duration = 1.6
 """

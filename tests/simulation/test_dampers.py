@@ -79,11 +79,9 @@ def test_a_run_warns_of_a_brace_that_its_steps_do_not_resolve():
         return jp.System((1.0, 0.5), (*rods, damper))
 
     grid = jp.TimeGrid(0.01, 10)
-    message = "rods.2: dt = 0.01 should be at most 4 times c/K = 0.00025 .* like 1.50% less mass"
+    message = "rod .*: dt is 40 times c/K, .* at most 4 times: .* like 1.50% less mass; take dt, or"
     for exponent in (1.0, 0.3):
-        with pytest.raises(
-            ValueError, match=f"^demand: .*; {message}.* below 0.001, .* below 400$"
-        ):
+        with pytest.raises(ValueError, match=f"^demand: .*{message} .* 10 times smaller$"):
             jp.demand(system(exponent=exponent), GROUND, grid, strict=True)
     assert imprecise(system(brace=399.0), grid, ()) == []
     assert imprecise(system(), jp.TimeGrid(0.00099, 10), ()) == []
