@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -12,6 +13,7 @@ from jaxpound._fields import quantities
 from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.files import csv_text, json_safe, table_of
 from jaxpound.model.places import link_places
+from jaxpound.model.shear_building import in_units
 from jaxpound.quantities import column
 from jaxpound.results.element_demands import RodDemand
 from jaxpound.results.floors import FloorDemands
@@ -37,7 +39,10 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
             "rods_energy_J": float(energy.rods[-1]),
             "kinetic_energy_J": float(energy.kinetic[-1]),
             "energy_residual_over_input": float(energy.relative_residual),
-            "buildings": [_of_building(*member, demand) for member in members],
+            "buildings": [
+                _of_building(*member, demand, _on_it(layout.si.links, b))
+                for b, member in enumerate(members)
+            ],
             "links": links,
         }
     )
@@ -58,13 +63,25 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
     return numbers
 
 
-def _of_building(building: Any, floors: Any, bearing: Any, demand: jp.Demand) -> dict[str, Any]:
+def _on_it(links: Any, building: int) -> list[Any]:
+    """The dampers and inerters from a building to itself and to the ground, as of the first."""
+    fields = [
+        (x, {"building": 0, "next_building": jp.GROUND if x.other_building == jp.GROUND else 0})
+        for x in links
+        if x.building == building and x.other_building in (building, jp.GROUND)
+    ]
+    return [dataclasses.replace(x, **y) for x, y in fields if x.damper or x.inerter]
+
+
+def _of_building(
+    building: Any, floors: Any, bearing: Any, demand: jp.Demand, links: list[Any]
+) -> dict[str, Any]:
     keys = ("period_s", "damping_ratio", "share_of_mass", "overdamped")
     if isinstance(building, jp.Building):  # as the file of a pair states it
         modes: list[Any] = [(building.natural_period, building.damping_ratio, 1.0, False)]
         building = jp.ShearBuilding((building,))
     else:
-        by = building.modes()
+        by = jp.modes(jp.Row((in_units(building, 1.0, 1.0, 1.0),), tuple(links)))
         columns = by.periods, by.damping_ratios, by.participation, by.overdamped
         modes = [*zip(*columns, strict=True)]
     heights = building.heights[: building.n_floors]

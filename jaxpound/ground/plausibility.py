@@ -40,7 +40,7 @@ def of_samples(samples: np.ndarray, dt: float, *, stated: bool) -> list[str]:
     size = np.abs(samples)
     if len(size) < MANY:
         return []
-    if dt not in SAMPLING:
+    if float(f"{dt:.6g}") not in SAMPLING:  # in single precision 0.1 is more than 0.1
         return [f"dt = {dt:.6g} s should be {SAMPLING.rule}: is it in s?"]
     largest = int(np.argmax(size))
     highest, others = float(size[largest]), float(np.delete(size, largest).max())

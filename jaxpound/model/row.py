@@ -269,8 +269,8 @@ def meeting_floors(
             for side, building in enumerate(pair):
                 joined = {floors[side] for floors in common}
                 below = np.flatnonzero(building.elevations <= roof)
-                floors = ", ".join(str(j + 1) for j in below if j not in joined)
-                alone += [f"{floors} of building {i + side + 1}"] * bool(floors)
+                if floors := ", ".join(str(j + 1) for j in below if j not in joined):
+                    alone.append(f"{floors} of building {i + side + 1} beside {i + 2 - side}")
     if alone and any(map(is_closable, gap if isinstance(gap, tuple | list) else [gap])):
         finding = (
             f"floors {' and '.join(alone)} have no floor of the neighbour within {_SLAB} m and "

@@ -63,7 +63,7 @@ def with_weight(storey: Building, weight: Any, height: float) -> Building:
             rule = "must be Bilinear or BoucWen: the hardening of a law of one's own is not known"
             raise InvalidInput(owner, "hysteresis", repr(law), rule)
         limit = getattr(law, "ultimate_displacement", 0.0)
-        rule = "finite where hardening is below weight above over stiffness and height"
+        rule = "finite where hardening is below W/(k h), weight above over stiffness and height"
         holds = finite(limit) | (law.hardening >= theta)
         enforce(owner, [Rule("hysteresis.ultimate_displacement", limit, holds, rule)])
         law = dataclasses.replace(law, hardening=(law.hardening - theta) / left)

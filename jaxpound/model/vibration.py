@@ -24,9 +24,10 @@ _NONE = complex("nan+nanj")
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Modes(Shown):
-    """Modes of masses, rods and inerters, without friction and contact, the slowest first.
+    """Modes of masses, rods, dampers and inerters, without friction and contact, the slowest first.
 
-    Rods that yield are taken as they are before they do; those of a ``PowerLaw`` are left out.
+    Rods that yield are taken as they are before they do; those of a ``PowerLaw`` count if they are
+    linear, and are left out otherwise.
 
     Frequencies of dimensionless structures are in ω1, those of structures in SI in rad/s.
 
@@ -85,9 +86,9 @@ def modes(structures: Structures) -> Modes:
     Parameters
     ----------
     structures
-        ``Storeys``, a ``System`` or any other structures with concrete numbers. Of their links only
-        inerters count: friction and contact have no modes. Those of ``Buildings`` are in rad/s and
-        s; for a single building there is ``ShearBuilding.modes``.
+        ``Storeys``, a ``System`` or any other structures with concrete numbers. Of their links
+        inerters and dampers count: friction and contact have no modes. Those of ``Buildings`` are
+        in rad/s and s; for a single building there is ``ShearBuilding.modes``.
 
     Examples
     --------
@@ -146,10 +147,13 @@ class _Linear:
         self._rods: list[tuple[Any, Any]] = []
         for ends, rod in zip(system.topology.rods, system.rods, strict=True):
             influence = np.linalg.solve(self._root, elongation(ends, unit_motions))
-            if isinstance(rod.material, PowerLaw):  # no stiffness in slow motion
-                continue
-            law = before_yield(rod.material)
-            numbers = [float(x) for x in (rod.stiffness, law.order, law.tau_f, law.tau_x)]
+            k, law = float(rod.stiffness), rod.material
+            if isinstance(law, PowerLaw):
+                c = float(law.force / law.velocity) if law.exponent == 1 else 0.0  # if linear
+                numbers = 0.0, c, 1.0, c / k
+            else:
+                law = before_yield(law)
+                numbers = k, k * float(law.tau_x), float(law.order), float(law.tau_f)
             self._rods.append((np.outer(influence, influence), numbers))
 
     def unscaled(self, vectors: np.ndarray) -> np.ndarray:
@@ -160,11 +164,11 @@ class _Linear:
         """K*(s) and its derivative by s."""
         value = np.zeros((self.n, self.n), complex)
         slope = np.zeros_like(value)
-        for matrix, (k, order, tau_f, tau_x) in self._rods:
+        for matrix, (k, k_tau_x, order, tau_f) in self._rods:
             z = s**order
             below = 1 + tau_f * z
-            value += k * (1 + tau_x * z) / below * matrix
-            slope += k * (tau_x - tau_f) / below**2 * order * z / s * matrix
+            value += (k + k_tau_x * z) / below * matrix
+            slope += (k_tau_x - k * tau_f) / below**2 * order * z / s * matrix
         return value, slope
 
     def steady(self, j: int) -> tuple[float, complex, np.ndarray]:

@@ -320,3 +320,19 @@ def test_a_run_says_and_draws_what_bearings_walls_and_dampers_do(pulse, tmp_path
     assert {"friction_force", "friction_hysteresis", "contact_force", "row"} <= names
     height, width, _ = imread(out / "row.png").shape
     assert height < 2 * width  # bearings are no storey of which all others are multiples
+
+
+def test_modes_of_a_building_count_the_dampers_between_it_and_the_ground(pulse, tmp_path):
+    """Not those to its neighbour."""
+    rod = "order = 1.0, tau_f = 1e-6, tau_x = 1e-6"
+    storey = f"storeys = {{masses = [1e5], stiffnesses = 4e6, {rod}}}"
+    damper = 'damper = {law = "power", force = 6e4, exponent = 1.0, stiffness = 1e7}'
+    links = "".join(
+        f"[[link]]\nbuilding = {building}\nfloor = 1\n{other}{damper}\n"
+        for building, other in ((1, ""), (2, 'next_building = "ground"\n'))
+    )
+    text = f"{f'[[building]]{chr(10)}{storey}{chr(10)}' * 2}{links}[run]\nduration = 1.6\n"
+    _, out, _, _ = simulated(text, pulse, tmp_path)
+    (left,), (right,) = (x["modes"] for x in summary(out)["results"]["buildings"])
+    assert left["damping_ratio"] == pytest.approx(0, abs=1e-4)
+    assert right["damping_ratio"] == pytest.approx(6e4 / (2 * math.sqrt(1e5 * 4e6)), rel=0.01)

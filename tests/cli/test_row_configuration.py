@@ -203,7 +203,9 @@ def test_common_floors_without_a_partner_are_told_of_once():
         f"[[building]]\nstoreys = {{masses = {m}, stiffnesses = 5e8, {rod}, heights = {h}}}\n"
         for m, h in (([3e5] * 3, [4.0, 3.2, 3.2]), ([3e5] * 2, [4.0, 3.6]))
     ]
-    rule = r'^configuration: floors = "common": floors 2 of building 1 and 2 of building 2 have no'
+    rule = (
+        r'^configuration: floors = "common": floors 2 of building 1 beside 2 and 2 of building 2 '
+    )
     with pytest.warns(jp.PlausibilityWarning, match=rule) as told:
         layout = layout_of("".join(tables) + "[[link]]\nfloors = 'common'\ngap = 0.1\n")
     assert len(told) == len(layout.si.links) == 1

@@ -110,7 +110,8 @@ def test_floors_without_a_partner_are_told_of_and_verdicts_say_of_how_many_they_
         jp.ShearBuilding.from_period(len(h), 3e5, 0.5, 0.05, height=h)
         for h in (first, roof, [1.5, 1.5])
     )
-    alone = "2 of building 1 and 2 of building 2 and 2 of building 2 and 2 of building 3"
+    pairs = (1, 2), (2, 1), (2, 3), (3, 2)
+    alone = " and ".join(f"2 of building {i} beside {j}" for i, j in pairs)
     rule = rf"^floor_links: floors {alone} have no .* within 0\.2 m and are not checked"
     with pytest.warns(jp.PlausibilityWarning, match=rule) as told:
         links = jp.floor_links((high, low, high), gap=0.06)

@@ -115,6 +115,22 @@ def test_equal_buildings_have_equal_modes_with_shapes_of_their_own():
     assert np.linalg.matrix_rank(modes.shapes) == 9
 
 
+def test_linear_viscous_dampers_to_the_ground_damp_in_proportion_to_the_masses():
+    """A ``PowerLaw`` on a stiff brace: α/(2ω) in each mode; only linear ones count."""
+    elastic, alpha = jp.ZenerRod(1.0, 1e-9, 1e-9), 0.56
+    frame = [jp.Rod(elastic, 160.0, storey_ends(i)) for i in range(3)]
+    fluid = [jp.PowerLaw(alpha / 2, exponent, velocity=0.5) for exponent in (1.0, 0.5)]
+    damped, bare = (
+        jp.modes(
+            jp.System((1.0,) * 3, (*frame, *(jp.Rod(law, 1e7, (i, jp.GROUND)) for i in range(3))))
+        )
+        for law in fluid
+    )
+    np.testing.assert_allclose(damped.damping_ratios, alpha / 2 / damped.frequencies, rtol=1e-5)
+    np.testing.assert_allclose(damped.frequencies, bare.frequencies, rtol=1e-5)
+    np.testing.assert_allclose(bare.damping_ratios, 0.0, atol=1e-7)
+
+
 def test_a_mode_that_only_creeps_is_said_to_be_overdamped():
     """It has the frequency and the damping ratio of its steady vibration: those of a textbook."""
     modes = jp.modes(jp.Storeys((1.0,), jp.Rod(jp.ZenerRod(1.0, 1e-9, 3.0), 4.0)))
