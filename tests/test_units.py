@@ -54,6 +54,7 @@ def assert_close(actual, expected, rel):
     np.testing.assert_allclose(actual, expected, rtol=0, atol=rel * np.abs(expected).max())
 
 
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")  # of floors of 4 kg
 def test_dimensionless_system_by_hand():
     first = jp.Building(mass=4, stiffness=16, order=0.5, tau_f=0.1, tau_x=3)
     second = jp.Building(mass=2, stiffness=8, order=1, tau_f=0.2, tau_x=1.5)

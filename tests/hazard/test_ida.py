@@ -136,7 +136,7 @@ def test_records_that_return_are_strong_or_unfit_are_named(capsys):
     words = "incremental_dynamic_analysis: 'slow' at 0: demand must be finite, but is nan"
     with pytest.raises(FloatingPointError, match=words):
         analysed(demand=lambda demand: np.nan * demand.pga, threshold=1.0)
-    fine, long = (jp.Record(np.full(100, 0.1), dt, x) for dt, x in ((1e-5, "fine"), (1, "long")))
+    fine, long = (jp.Record(np.full(99, 0.1), dt, x) for dt, x in ((1e-5, "fine"), (1, "long")))
     refused(r"'fine', the finest, and 'long', .* 1,000,000 steps", analysed, records=[fine, long])
     refused(r"grid = None must be a TimeGrid: .* only for buildings", analysed, PAIR.system())
 
