@@ -163,14 +163,19 @@ def part(*kinds: type, each: bool = False, traced: bool = False, **kwargs: Any) 
     return dataclasses.field(metadata=metadata, **kwargs)
 
 
-def static(**kwargs: Any) -> Any:
-    """A field that shapes the compiled program: hashed, never traced."""
-    return dataclasses.field(metadata={_ROLE: "static", "static": True}, **kwargs)
+def static(listed: Any = True, **kwargs: Any) -> Any:
+    """A field that shapes the compiled program: hashed, never traced; ``listed`` as a label."""
+    metadata = {_ROLE: "static", "static": True, "listed": listed}
+    return dataclasses.field(metadata=metadata, **kwargs)
 
 
-def label(*, default: Any) -> Any:
-    """A field for display: transformations drop it, so that it never causes a recompilation."""
-    return dataclasses.field(default=default, metadata={_ROLE: "label"}, compare=False)
+def label(*, default: Any, listed: Any = True) -> Any:
+    """A field for display, dropped by transformations: it causes no recompilation.
+
+    A store's identity has it if ``listed``, a truth value, or ``bool``: unless it is 0 or empty.
+    """
+    metadata = {_ROLE: "label", "listed": listed}
+    return dataclasses.field(default=default, metadata=metadata, compare=False)
 
 
 @dataclass_transform(

@@ -70,8 +70,8 @@ class Record(motion.GroundMotion):
     samples: Any
     dt: Any = parameter(r"\Delta t", "time", "sample interval", above=0)
     name: str = label(default="")
-    doubts: tuple[str, ...] = label(default=())  # of which there was a warning as it was made
-    measured: bool = label(default=True)  # not scaled to a peak
+    doubts: tuple[str, ...] = label(default=(), listed=False)  # of its warning as it was made
+    measured: bool = label(default=True, listed=False)  # not scaled to a peak
     time_unit: str = static(default=motion.SECONDS)
 
     def __init__(

@@ -106,7 +106,7 @@ class Storeys:
 
     masses: tuple[Any, ...] = like(System, "masses")
     rods: tuple[Rod, ...] = like(System, "rods")
-    n_tuned: int = static(default=0)
+    n_tuned: int = static(default=0, listed=bool)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "masses", as_tuple("Storeys", "masses", self.masses))

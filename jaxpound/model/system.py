@@ -206,7 +206,7 @@ class System:
     masses: tuple[Any, ...] = parameter("m", "mass", "mass", above=0, each=True)
     rods: tuple[Rod, ...] = part(Rod, each=True)
     links: tuple[Link, ...] = part(Link, each=True, default=())
-    tuned: tuple[int, ...] = static(default=())
+    tuned: tuple[int, ...] = static(default=(), listed=bool)
 
     def __post_init__(self) -> None:
         for name in ("masses", "rods", "links"):

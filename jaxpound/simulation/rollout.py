@@ -117,7 +117,7 @@ class Rollout(NamedTuple):
         series = as_motion(ground).excitation(grid, scheme.order).series
         numbers = spread((structures, ground, extra, initial, series))
         if may_flow(structures.system()):
-            numbers = without_mesh(numbers)
+            orders, numbers = without_mesh((orders, numbers))
         structures, ground, extra, initial, series = numbers
         system = cast(structures.system())
         dt = grid.dt

@@ -267,6 +267,9 @@ def _writing(folder: Path) -> Iterator[None]:
 
 def _differences(stored: Any, current: Any, path: str = "") -> Iterator[str]:
     """The differences between two trees of JSON, in words."""
+    lists = isinstance(stored, list) and isinstance(current, list)
+    if lists and len(stored) == len(current) and any(isinstance(x, dict) for x in stored):
+        stored, current = ({str(i): y for i, y in enumerate(x)} for x in (stored, current))
     if isinstance(stored, dict) and isinstance(current, dict):
         for key in dict.fromkeys((*stored, *current)):
             place = f"{path}.{key}" if path else key
@@ -307,7 +310,9 @@ def describe(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [describe(entry) for entry in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        listed = {f.name: f.metadata.get("listed", True) for f in dataclasses.fields(value)}
+        kept = [k for k, x in listed.items() if x is True or (x and getattr(value, k))]
+        fields = {k: getattr(value, k) for k in kept}
         return {"type": type(value).__name__, **describe(fields)}
     if hasattr(value, "__qualname__"):
         return f"{value.__module__}.{value.__qualname__}"

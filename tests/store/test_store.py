@@ -14,7 +14,7 @@ import pytest
 import jaxpound as jp
 from jaxpound.store import archive
 from jaxpound.store.archive import DamagedError, write_archive
-from jaxpound.store.store import MANIFEST, Store
+from jaxpound.store.store import MANIFEST, Store, _differences, describe
 from tests.refusals import refused
 
 IDENTITY = {"chunk_size": 4, "precision": "float64", "columns": ["a", "b"], "grid": {"dt": 0.1}}
@@ -136,6 +136,9 @@ def test_folders_in_the_place_of_chunks_other_studies_and_other_things_are_left_
     words = r"holds another study: grid.dt is 0.1 there and 0.2 here; columns is "  # cut lists last
     longer = {"columns": [*map(str, range(20))], "grid": {"dt": 0.2}}
     refused(words, *again, IDENTITY | longer, 10, {})
+    kept = IDENTITY | {"rods": [{"k": 1, "ends": [0, 1]}, {"k": 2, "ends": [1, 2]}]}
+    current = IDENTITY | {"rods": [{"k": 1, "ends": [0, 1]}, {"k": 3, "ends": [1, 2]}]}
+    assert [*_differences(kept, current)] == ["rods.1.k is 2 there and 3 here"]
     words = r"grid.h is absent there and 1 here"
     refused(words, *again, IDENTITY | {"grid": {"dt": 0.1, "h": 1}}, 10, {})
     assert all(store.read(k) is not None for k in store.chunks())
@@ -376,3 +379,17 @@ def test_processes_that_grow_one_store_to_other_sizes_do_not_disturb_each_other(
     Store.create(folder, IDENTITY, 79, {})
     names = [f"chunk-{i:06d}{'-3' * (i == 19)}.npz" for i in range(20)]
     assert sorted(path.name for path in folder.iterdir()) == [*names, MANIFEST, "samples-79"]
+
+
+def test_fields_that_came_later_make_no_other_study():
+    """Where they are at their defaults; the reasons of a record's warnings never."""
+    building = jp.ShearBuilding.from_period(2, 2e5, period=0.3, damping_ratio=0.05)
+    assert [*describe(building)] == ["type", "storeys", "heights"]
+    storeys = jp.Storeys((1.0,), jp.Rod(jp.ZenerRod(0.5, 0.01, 0.05), 5.0))
+    row = describe(jp.Row((storeys, storeys), ()))
+    assert [*row["buildings"][0]] == ["type", "masses", "rods"]
+    assert [*describe(storeys.system())] == ["type", "masses", "rods", "links"]
+    record = jp.Record([0.0, 0.1, -0.1], 0.02).scaled_to_pga(0.2)
+    assert [*describe(record)] == ["type", "samples", "dt", "name", "time_unit"]
+    tuned = jp.tuned_mass_damper(building, mass_ratio=0.05)
+    assert describe(tuned)["n_tuned"] == 1
