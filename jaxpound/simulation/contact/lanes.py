@@ -17,6 +17,10 @@ from jax.custom_batching import custom_vmap
 
 from jaxpound.simulation.batches import on_each_device
 
+_FEW = 16
+"""Lanes that are all computed where any needs it, such as the floors of two buildings: XLA makes no
+kernel of a loop that puts results of some in their places."""
+
 _COMPARED = 4096
 """Lanes up to which comparing all of them finds the next ones; beyond, a binary search."""
 
@@ -42,7 +46,14 @@ def where_needed(work: Callable[..., Any], width: int) -> Callable[..., Any]:
     def many(needed: jax.Array, *args: Any) -> Any:
         side_by_side = jax.vmap(work)
         empty = nothing(needed, jax.eval_shape(side_by_side, *args))
-        return _in_groups(width, side_by_side, needed, args, empty)
+        if needed.size > _FEW:
+            return _in_groups(width, side_by_side, needed, args, empty)
+
+        def where_true(result: jax.Array, zero: jax.Array) -> jax.Array:
+            return jnp.where(needed.reshape(-1, *(1,) * (zero.ndim - 1)), result, zero)
+
+        masked = lambda: jax.tree.map(where_true, side_by_side(*args), empty)  # noqa: E731
+        return lax.cond(needed.any(), masked, lambda: empty)
 
     def flat(*args: Any) -> Any:
         size, each = args[0].shape
