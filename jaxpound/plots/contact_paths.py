@@ -15,7 +15,7 @@ from jaxpound.model.system import Link, System
 from jaxpound.model.topology import elongation, link_groups
 from jaxpound.results.response import LinkResponse, Response
 from jaxpound.simulation.contact.group import Coupling, coupling
-from jaxpound.simulation.contact.path import path
+from jaxpound.simulation.contact.path import path_of_step
 from jaxpound.simulation.contact.records import APART, CLIPPED, PRESSED, Contact, FlowInput
 from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.state import StepConstants
@@ -29,14 +29,14 @@ class ContactPath(NamedTuple):
     force: Any
 
 
-def contact_paths(response: Response) -> dict[int, ContactPath]:
+def followed_contacts(response: Response) -> dict[int, ContactPath]:
     """The contact of each link with a law of it, by the link's number.
 
     From an instant to the next it is that of the local flow, under a pull that changes linearly. A
     law without a force, or of unknown units, has only the instants.
     """
     if response.batch:
-        runs = [contact_paths(response[i]) for i in np.ndindex(response.batch)]
+        runs = [followed_contacts(response[i]) for i in np.ndindex(response.batch)]
         most = max((path.time.size for run in runs for path in run.values()), default=0)
 
         def together(*series: np.ndarray) -> np.ndarray:
@@ -111,8 +111,8 @@ def _flows(
     depth, velocity, force = -series("gap"), series("slip_velocity"), series("contact")
     modes = np.where(depth <= 0, APART, np.where(force == 0, CLIPPED, PRESSED))
     met, gaps = series("touching").max(-1), group.gaps
-    none = np.zeros(gaps.size)  # not 0 times the gaps, which may be infinite
-    contact = Contact(*[none] * len(Contact._fields))
+    none: Any = np.zeros(gaps.size)  # not 0 times the gaps, which may be infinite
+    contact = Contact(*(none,) * len(Contact._fields))
     for m in np.flatnonzero(np.maximum(met[1:], met[:-1])).tolist():
         inputs = FlowInput(
             closing=closing[m],
@@ -126,5 +126,5 @@ def _flows(
             resistances=group.resistances,
             contact=contact._replace(mode=modes[m]),
         )
-        points, contact = path(time[1] - time[0], inputs, faces)
+        points, contact = path_of_step(time[1] - time[0], inputs, faces)
         yield m, points + np.stack([none + time[m], -gaps, none])

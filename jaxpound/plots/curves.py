@@ -16,7 +16,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound.model.places import link_places
 from jaxpound.model.topology import elongation, floors
 from jaxpound.plots import style as house
-from jaxpound.plots.contact_paths import ContactPath, contact_paths
+from jaxpound.plots.contact_paths import ContactPath, followed_contacts
 from jaxpound.plots.style import COLOURS, label, new_axes
 from jaxpound.results.demand import PLACES
 from jaxpound.results.named import PAIR
@@ -89,7 +89,7 @@ def contacts(owner: str, response: Response) -> dict[int, tuple[Curve, ContactPa
 
     An ``InvalidInput`` if no link has one.
     """
-    if not (paths := contact_paths(response)):
+    if not (paths := followed_contacts(response)):
         raise InvalidInput(owner, "response", "", "must have a link with a law of contact")
     forces = [paths[k].force if k in paths else None for k in range(len(response.links))]
     curves = _of_links("$p$", response, forces)

@@ -49,10 +49,11 @@ def where_needed(work: Callable[..., Any], width: int) -> Callable[..., Any]:
         if needed.size > _FEW:
             return _in_groups(width, side_by_side, needed, args, empty)
 
-        def where_true(result: jax.Array, zero: jax.Array) -> jax.Array:
-            return jnp.where(needed.reshape(-1, *(1,) * (zero.ndim - 1)), result, zero)
+        def masked() -> Any:
+            used = jax.vmap(jnp.where, (0, 0, None))
+            zero = jax.tree.map(lambda x: x[0], empty)
+            return jax.tree.map(partial(used, needed), side_by_side(*args), zero)
 
-        masked = lambda: jax.tree.map(where_true, side_by_side(*args), empty)  # noqa: E731
         return lax.cond(needed.any(), masked, lambda: empty)
 
     def flat(*args: Any) -> Any:

@@ -16,7 +16,7 @@ from jaxpound.simulation.contact.records import Clock, Contact, FlowInput
 _POINTS = 9  # of each substep
 
 
-def path(h: Any, inputs: FlowInput, faces: tuple[int, ...]) -> tuple[np.ndarray, Contact]:
+def path_of_step(h: Any, inputs: FlowInput, faces: tuple[int, ...]) -> tuple[np.ndarray, Contact]:
     """Times from the start, closings and contact forces, (points, 3, f), and contact at the end.
 
     A substep ends where a force is largest and where it jumps, with two points at the same time.
