@@ -95,10 +95,11 @@ def use_loop_kernels() -> None:
 
     From JAX 0.12 on XLA does so by itself, and this function does nothing. Older versions start
     every small operation of a step on its own, some 50 ns each. As one kernel a single run takes a
-    third of the time, and a tenth with its gradient; a pair with contact takes a tenth, with or
-    without its gradient. Batches gain little or nothing. Results differ by rounding at most. Call
-    it once, before JAX computes anything; the command line does so by itself. It adds an option of
-    XLA to the environment variable ``XLA_FLAGS``, which processes started from this one inherit.
+    third of the time, and a tenth with its gradient; a pair with contact takes a tenth, and a
+    twentieth with its gradient. Batches gain little or nothing. Results differ by rounding at most.
+    Call it once, before JAX computes anything; the command line does so by itself. It adds an
+    option of XLA to the environment variable ``XLA_FLAGS``, which processes started from this one
+    inherit.
 
     Raises ``RuntimeError`` if JAX is older than 0.12 and has started without it.
     """
