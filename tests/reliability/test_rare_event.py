@@ -1,6 +1,7 @@
 """Rare events against closed forms and reference probabilities."""
 
 import dataclasses
+import functools
 from types import SimpleNamespace
 
 import numpy as np
@@ -225,10 +226,14 @@ SHORT = jp.TimeGrid.until(8.0, dt=0.1)
 HILLS = 0.2 * np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))
 
 
+def hills(factor, z):
+    """Five hills, times a factor."""
+    return jp.Record(factor * HILLS @ z, 0.1, time_unit="1/ω1")
+
+
 def drawn(factor):
     """Motions of five hills, times a factor."""
-    draw = jp.CustomDraw(lambda z: jp.Record(factor * HILLS @ z, 0.1, time_unit="1/ω1"), 5)
-    return jp.Scenarios(jp.paper.structures(), draw)
+    return jp.Scenarios(jp.paper.structures(), jp.CustomDraw(functools.partial(hills, factor), 5))
 
 
 FEW, STILL = drawn(1), drawn(0)
