@@ -126,5 +126,5 @@ def _flows(
             resistances=group.resistances,
             contact=contact._replace(mode=modes[m]),
         )
-        points, contact = path_of_step(time[1] - time[0], inputs, faces)
+        points, contact = path_of_step(float(time[1] - time[0]), inputs, faces)
         yield m, points + np.stack([none + time[m], -gaps, none])

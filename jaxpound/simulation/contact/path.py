@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +15,7 @@ from jaxpound.simulation.contact.records import Clock, Contact, FlowInput
 _POINTS = 9  # of each substep
 
 
-def path_of_step(h: Any, inputs: FlowInput, faces: tuple[int, ...]) -> tuple[np.ndarray, Contact]:
+def path_of_step(h: float, inputs: FlowInput, faces: tuple[int, ...]) -> tuple[np.ndarray, Contact]:
     """Times from the start, closings and contact forces, (points, 3, f), and contact at the end.
 
     A substep ends where a force is largest and where it jumps, with two points at the same time.
@@ -29,9 +28,9 @@ def path_of_step(h: Any, inputs: FlowInput, faces: tuple[int, ...]) -> tuple[np.
     return np.concatenate(points), x.contact
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jax.jit, static_argnums=(0, 1))
 def _advance(
-    faces: tuple[int, ...], h: Any, inputs: FlowInput, x: FlowState | None
+    faces: tuple[int, ...], h: float, inputs: FlowInput, x: FlowState | None
 ) -> tuple[FlowState, jax.Array, jax.Array]:
     """The state after a substep is tried, whether more follow, and the points as far as it went.
 
