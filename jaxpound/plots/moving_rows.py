@@ -43,7 +43,7 @@ class Scene:
         elevations: Sequence[Any] | None = None,
         owner: str = "",
     ) -> None:
-        buildings, tuned = stacks(response.topology), response.topology.tuned
+        buildings = stacks(response.topology)
         heights = stack_heights(owner, response.topology, elevations)
         reach = largest_displacement(response) if reach is None else reach
         building_of = {mass: b - 1 for mass, (b, _) in homes(response.topology).items()}
@@ -80,9 +80,8 @@ class Scene:
             below = None
             for (mass, rod), height in zip(building, ups, strict=True):
                 x = np.asarray(response.masses[mass].x)
-                share = 0.8 if mass in tuned else 1.0
-                corner = left_ends[b] + (1 - share) / 2 * w, scale * float(height) - slab
-                below = _Floor(ax, x, corner, (share * w, slab), building_colour(b), below)
+                corner = float(left_ends[b]), scale * float(height) - slab
+                below = _Floor(ax, x, corner, (w, slab), building_colour(b), below)
                 self._floors[mass] = below
                 below.first_yield_time = response.demand.rods[rod].first_yield_time
         for left, rest, ends in between:

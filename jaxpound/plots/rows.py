@@ -24,7 +24,7 @@ from jaxpound.units import Scales, scales_for
 
 Lines = list[tuple[str, str]]  # words and their colours
 Damper = tuple[int, Rod] | None  # of a link: its number among the rods, and itself
-Storey = tuple[float, str, Lines, float]  # height, words, lines below, share of the width
+Storey = tuple[float, str, Lines]  # height of a floor, the words in it and the lines below it
 Place = tuple[float, float, float]  # left end and height of a floor, and of the ground below it
 
 _WIDTH, _LINKED, _UNLINKED = 3.0, 2.6, 0.8  # of a building, of a space with links, without
@@ -53,8 +53,7 @@ def row(
     in SI units of ``Buildings`` or if ``scales`` are given, else dimensionless. Dampers are green,
     also braces within a building and dampers to the ground; pads are orange where contact has a
     law; an arrow is a gap, to a wall where the other end is the ground. Bearings, a first storey of
-    less than half of the height of another, and walls as low as these stand in a pit. Tuned masses
-    are narrower.
+    less than half of the height of another, and walls as low as these stand in a pit.
 
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
@@ -117,8 +116,7 @@ def row(
         for (mass, rod), up in zip(building, ups.tolist(), strict=True):
             in_floor = f"$m_{{{mass + 1}}}$ = {write('mass', system.masses[mass])}"
             words = f"$K_{{{rod + 1}}}$ = {write('stiffness', system.rods[rod].stiffness)}"
-            share = 0.8 if mass in system.tuned else 1.0
-            with_words.append((up, in_floor, [(words, colour), *inside.get(mass, [])], share))
+            with_words.append((up, in_floor, [(words, colour), *inside.get(mass, [])]))
             places[mass] = left, up, feet[b]
         _building(ax, left, feet[b], slab, colour, with_words)
         text_at(ax, left + _WIDTH / 2, min(feet) - 0.65 * storey, f"building {b + 1}", colour)
@@ -150,12 +148,11 @@ def floor_heights(owner: str, n_floors: Sequence[int], elevations: Any) -> list[
 
 def stack_heights(owner: str, topology: Topology, elevations: Any) -> list[np.ndarray]:
     """``floor_heights``, and of tuned masses, each half a storey above what it stands on."""
-    buildings = floors(topology)
-    heights = floor_heights(owner, [len(building) for building in buildings], elevations)
-    more = [len(x) - len(building) for x, building in zip(stacks(topology), buildings, strict=True)]
-    rises = [np.diff(ups, prepend=0.0)[-1] / 2 for ups in heights]
-    by_building = zip(heights, rises, more, strict=True)
-    return [np.append(ups, ups[-1] + rise * np.arange(1, n + 1)) for ups, rise, n in by_building]
+    heights = floor_heights(owner, [*map(len, floors(topology))], elevations)
+    for b, stack in enumerate(stacks(topology)):
+        ups, rise = heights[b], np.diff(heights[b], prepend=0.0)[-1] / 2
+        heights[b] = np.append(ups, ups[-1] + rise * np.arange(1, len(stack) - ups.size + 1))
+    return heights
 
 
 def heights_above_ground(owner: str, name: str, elevations: Any, n: int) -> np.ndarray:
@@ -183,13 +180,12 @@ def _ground(
 
 def _building(ax: Axes, left: float, below: float, slab: float, colour: str, storeys: Any) -> None:
     """Storeys from the ground below them on."""
-    middle = left + _WIDTH / 2
+    middle, columns = left + _WIDTH / 2, left + np.array([0.1, 0.9]) * _WIDTH
     style: Any = {"edgecolor": colour, "facecolor": (colour, 0.25), "linewidth": 1.0}
-    for up, in_floor, lines, share in storeys:
-        under, columns = up - slab / 2, middle + np.array([-0.4, 0.4]) * share * _WIDTH
+    for up, in_floor, lines in storeys:
+        under = up - slab / 2
         ax.plot([columns, columns], [below, under], color=colour, linewidth=2.2)
-        corner = middle - share * _WIDTH / 2, under
-        ax.add_patch(Rectangle(corner, share * _WIDTH, slab, **style))
+        ax.add_patch(Rectangle((left, under), _WIDTH, slab, **style))
         text_at(ax, middle, up, in_floor, colour)
         for i, (text, of_text) in enumerate(lines):
             at = below + (under - below) * (1 - (i + 0.5) / len(lines))
