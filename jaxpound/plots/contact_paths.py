@@ -130,7 +130,7 @@ def _flows(
             resistances=group.resistances,
             contact=contact._replace(mode=modes[m]),
         )
-        advance = partial(_advance, faces, time[1] - time[0], inputs)
+        advance = partial(_advance, faces, float(time[1] - time[0]), inputs)
         x, unfinished, _ = advance(None)
         substeps = []
         while unfinished:
@@ -140,9 +140,9 @@ def _flows(
         yield m, np.concatenate(substeps) + np.stack([none + time[m], -gaps, none])
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jax.jit, static_argnums=(0, 1))
 def _advance(
-    faces: tuple[int, ...], h: Any, inputs: FlowInput, x: FlowState | None
+    faces: tuple[int, ...], h: float, inputs: FlowInput, x: FlowState | None
 ) -> tuple[FlowState, jax.Array, jax.Array]:
     """The state after a substep is tried, whether more follow, and the points as far as it went.
 
