@@ -65,12 +65,12 @@ def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
 
 def _on_it(links: Any, building: int) -> list[Any]:
     """The dampers and inerters from a building to itself and to the ground, as of the first."""
-    fields = [
-        (x, {"building": 0, "next_building": jp.GROUND if x.other_building == jp.GROUND else 0})
+    return [
+        dataclasses.replace(x, building=0, next_building=min(x.other_building, 0))  # or GROUND, < 0
         for x in links
         if x.building == building and x.other_building in (building, jp.GROUND)
+        if x.damper or x.inerter
     ]
-    return [dataclasses.replace(x, **y) for x, y in fields if x.damper or x.inerter]
 
 
 def _of_building(

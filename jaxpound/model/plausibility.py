@@ -47,14 +47,10 @@ with the mass in t or the weight in kN. Models on shaking tables are lighter, an
 period, s."""
 
 
-def most_mass(storeys: int) -> float:
-    """Most plausible mass of a floor, kg: 50 m by 50 m have 2,500 t, floors of the tallest 7,000 t.
-
-    Beyond are floors of 255 t and more with the weight in N. One or two storeys may stand for a
-    tower.
-    """
-    return 2.5e6 if 2 < storeys <= 20 else 1e7 if storeys > 20 else np.inf
-
+MOST_MASS = {20: 1e7, 2: 2.5e6, 0: np.inf}
+"""Most plausible mass of a floor, kg, of more than so many storeys: 50 m by 50 m have 2,500 t,
+floors of the tallest 7,000 t, one or two storeys may stand for a tower. Beyond are floors of 255 t
+and more with the weight in N."""
 
 STRENGTH = 0.005, 3.0
 """Plausible force at yield: least over the weight above, most over the building's. Weak towers
@@ -175,13 +171,13 @@ class _Floors(NamedTuple):
 
     def size(self) -> list[str]:
         """A finding in the heaviest floor."""
-        light = self.masses.max() < LEAST_MASS and max(self.first_periods) > MODEL_PERIOD
-        heaviest = [
-            (self.masses[floors].max(), most_mass(len(floors))) for floors in self.buildings
-        ]
-        rules = [f"{x:.4g} kg, should be at most {most:g}" for x, most in heaviest if x > most]
-        if light:
-            rules = [f"{self.masses.max():.4g} kg, should be at least {LEAST_MASS:g}"]
+        heaviest, rules = self.masses.max(), list[str]()
+        if heaviest < LEAST_MASS and max(self.first_periods) > MODEL_PERIOD:
+            rules = [f"{heaviest:.4g} kg, should be at least {LEAST_MASS:g}"]
+        for x in (self.masses[floors] for floors in self.buildings):
+            most = next(mass for storeys, mass in MOST_MASS.items() if x.size > storeys)
+            if x.max() > most:
+                rules.append(f"{x.max():.4g} kg, should be at most {most:g}")
         question = "are masses in kg, not in t, and no weights in kN or N?"
         return [f"the heaviest floor, of {rule} kg: {question}" for rule in rules[:1]]
 

@@ -264,18 +264,16 @@ def meeting_floors(
             rule = f"must have floors at the same height, within {_SLAB} m; next_floor joins others"
             raise InvalidInput(owner, f"buildings {i + 1} and {i + 2}", "", rule)
         meeting += [(i, *floors) for floors in common]
-        if all(isinstance(building, ShearBuilding) for building in pair):
-            roof = min(building.elevations[-1] for building in pair)
-            for side, building in enumerate(pair):
-                joined = {floors[side] for floors in common}
-                below = np.flatnonzero(building.elevations <= roof)
-                if floors := ", ".join(str(j + 1) for j in below if j not in joined):
-                    alone.append(f"{floors} of building {i + side + 1} beside {i + 2 - side}")
+        in_metres = all(isinstance(building, ShearBuilding) for building in pair)
+        for side, building in enumerate(pair if in_metres else ()):
+            joined = {floors[side] for floors in common}
+            below = np.flatnonzero(building.elevations <= min(x.elevations[-1] for x in pair))
+            if floors := ", ".join(str(j + 1) for j in below if j not in joined):
+                alone.append(f"{floors} of building {i + side + 1} beside {i + 2 - side}")
     if alone and any(map(is_closable, gap if isinstance(gap, tuple | list) else [gap])):
-        finding = (
-            f"floors {' and '.join(alone)} have no floor of the neighbour within {_SLAB} m and "
-        )
-        warn(owner, [f"{finding}are not checked for pounding; next_floor joins others"], False)
+        finding = f"floors {' and '.join(alone)} have no floor of the neighbour within {_SLAB} m "
+        finding += "and are not checked for pounding; next_floor joins others"
+        warn(owner, [finding], False)
     return meeting
 
 

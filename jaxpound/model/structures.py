@@ -120,11 +120,10 @@ class Storeys:
         check(self)
         if not self.masses:
             raise InvalidInput("Storeys", "masses", "()", "must hold at least one floor")
-        require_tuned("Storeys", self.n_tuned, len(self.masses))
-        if len(rods) != len(self.masses):
-            rule = (
-                f"must be one for each of the {len(self.masses)} masses: storey i carries floor i"
-            )
+        n = len(self.masses)
+        require_tuned("Storeys", self.n_tuned, n)
+        if len(rods) != n:
+            rule = f"must be one for each of the {n} masses: storey i carries floor i"
             raise InvalidInput("Storeys", f"rods, {len(rods)} of them,", "", rule)
         for i, rod in enumerate(rods):
             if rod.ends not in (None, storey_ends(i)):

@@ -80,15 +80,9 @@ def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     return tuple(tuple(pair for pair in pairs if pair[0] not in tuned) for pairs in of_all)
 
 
-def tuned_masses(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """The tuned masses on each building, each with its rod."""
-    of_all, tuned = stacks(topology), {*topology.tuned}
-    return tuple(tuple(pair for pair in pairs if pair[0] in tuned) for pairs in of_all)
-
-
 @cache
 def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """``floors`` of each building, and above them its ``tuned_masses``.
+    """``floors`` of each building, and above them its tuned masses, each with its rod.
 
     An ``InvalidInput`` for masses that are no floors one above the other.
     """

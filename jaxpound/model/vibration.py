@@ -205,12 +205,11 @@ class _Linear:
         s = np.where(alone.imag > 1e-6 * abs(alone), alone, starts)
         vibrates = np.ones(self.n, bool)
         for share in np.linspace(0, 1, _STEPS + 1)[1:]:
-            start, steps = s, s
+            start, steps = s, s.copy()
             for _ in range(_ITERATIONS):
                 active = abs(steps) > 1e-9 * abs(s)
-                moved = [self._step(j, s, share, vectors) for j in np.flatnonzero(active).tolist()]
-                steps = np.where(active, 0, steps)
-                steps[active] = moved
+                for j in np.flatnonzero(active).tolist():
+                    steps[j] = self._step(j, s, share, vectors)
                 s = s - np.where(active, steps, 0)
             vibrates = (abs(steps) <= 1e-6 * abs(s)) & (abs(s.imag) > 1e-6 * abs(s))
             s = np.where(vibrates, s.real + 1j * abs(s.imag), start)

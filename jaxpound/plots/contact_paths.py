@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -14,11 +15,14 @@ from jaxpound.model.dampers import Inerter
 from jaxpound.model.system import Link, System
 from jaxpound.model.topology import elongation, link_groups
 from jaxpound.results.response import LinkResponse, Response
+from jaxpound.simulation.contact.events import FlowState
 from jaxpound.simulation.contact.group import Coupling, coupling
-from jaxpound.simulation.contact.path import path_of_step
-from jaxpound.simulation.contact.records import APART, CLIPPED, PRESSED, Contact, FlowInput
+from jaxpound.simulation.contact.local_flow import LocalFlow
+from jaxpound.simulation.contact.records import APART, CLIPPED, PRESSED, Clock, Contact, FlowInput
 from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.state import StepConstants
+
+_POINTS = 9  # of each substep
 
 
 class ContactPath(NamedTuple):
@@ -44,20 +48,21 @@ def followed_contacts(response: Response) -> dict[int, ContactPath]:
             return np.reshape(padded, (*response.batch, most))
 
         return jax.tree.map(together, *runs)
-    time, steps = np.asarray(response.time), _steps(response)
-    paths = {}
+    time, steps, paths = np.asarray(response.time), _steps(response), {}
     for k, link in enumerate(response.links):
         if link.contact is not None:
             instants = np.stack([time, -np.asarray(link.gap), np.asarray(link.contact)])
-            of_link = steps.get(k, {})
-            alone = [m for m in range(time.size) if not {m - 1, m} & of_link.keys()]
-            of_link |= {m: instants[:, [m]] for m in alone}
-            times, depth, force = np.concatenate([of_link[m] for m in sorted(of_link)], axis=1)
+            parts = [
+                steps.get((k, m), instants[:, [m]])
+                for m in range(time.size)
+                if (k, m) in steps or (k, m - 1) not in steps
+            ]
+            times, depth, force = np.concatenate(parts, axis=1)
             paths[k] = ContactPath(times, np.maximum(depth, 0.0), force)
     return paths
 
 
-def _steps(response: Response) -> dict[int, dict[int, np.ndarray]]:
+def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
     """Times, penetrations and forces, (3, points), by link and number of the instant before."""
     topology, masses = response.topology, tuple(mass.mass for mass in response.masses)
     x, inverse = [mass.x for mass in response.masses], tuple(1 / jnp.asarray(m) for m in masses)
@@ -77,7 +82,7 @@ def _steps(response: Response) -> dict[int, dict[int, np.ndarray]]:
     constants = StepConstants(topology, inverse, (), (), (), (), {}, inerters, 0)
     loads = topology.loads([rod.force for rod in response.rods])
     pulls = jax.vmap(constants.link_pulls)(loads, response.ground_acceleration)
-    steps: dict[int, dict[int, np.ndarray]] = {}
+    steps: dict[tuple[int, int], np.ndarray] = {}
     for group in link_groups(topology):
         if any(links[k].contact for k in group.links):
             of_group, _ = coupling(topology, group, links, inverse, inerters)
@@ -86,9 +91,7 @@ def _steps(response: Response) -> dict[int, dict[int, np.ndarray]]:
             of_links = [response.links[k] for k in group.links]
             motion = response.time, closing, pull
             for m, points in _flows(motion, of_links, of_group, group.faces):
-                for j, k in enumerate(group.links):
-                    if links[k].contact:
-                        steps.setdefault(k, {})[m] = points[:, :, j].T
+                steps |= {(k, m): points[:, :, j].T for j, k in enumerate(group.links)}
     return steps
 
 
@@ -100,7 +103,8 @@ def _flows(
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Numbers of the instants before contact, and the paths to the next, (points, 3, f).
 
-    ``motion`` are times, and closings and pulls of the links, (n, f).
+    ``motion`` are times, and closings and pulls of the links, (n, f). A substep ends where a force
+    is largest and where it jumps, with two points at the same time.
     """
     time, closing, pull = motion
 
@@ -126,5 +130,26 @@ def _flows(
             resistances=group.resistances,
             contact=contact._replace(mode=modes[m]),
         )
-        points, contact = path_of_step(float(time[1] - time[0]), inputs, faces)
-        yield m, points + np.stack([none + time[m], -gaps, none])
+        advance = partial(_advance, faces, float(time[1] - time[0]), inputs)
+        x, unfinished, _ = advance(None)
+        substeps = []
+        while unfinished:
+            x, unfinished, points = advance(x)
+            substeps.append(points)
+        contact = x.contact
+        yield m, np.concatenate(substeps) + np.stack([none + time[m], -gaps, none])
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _advance(
+    faces: tuple[int, ...], h: float, inputs: FlowInput, x: FlowState | None
+) -> tuple[FlowState, jax.Array, jax.Array]:
+    """The state after a substep is tried, whether more follow, and the points as far as it went.
+
+    Without a state, the one in which the flow starts.
+    """
+    zero = 0 * inputs.closing[0]
+    local = LocalFlow(h, 0, faces, inputs, Clock(zero, zero, zero > 0))
+    before, after = (local.start(),) * 2 if x is None else (x, local.advance(x))
+    times = jnp.linspace(0.0, 1.0, _POINTS) * (after.y[0, 0] - before.y[0, 0])
+    return after, local.unfinished(after), jax.vmap(partial(local.within, before))(times)

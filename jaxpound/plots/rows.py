@@ -150,12 +150,11 @@ def floor_heights(owner: str, n_floors: Sequence[int], elevations: Any) -> list[
 
 def stack_heights(owner: str, topology: Topology, elevations: Any) -> list[np.ndarray]:
     """``floor_heights``, and of tuned masses, each half a storey above what it stands on."""
-    buildings = floors(topology)
-    heights = floor_heights(owner, [len(building) for building in buildings], elevations)
-    more = [len(x) - len(building) for x, building in zip(stacks(topology), buildings, strict=True)]
-    rises = [np.diff(ups, prepend=0.0)[-1] / 2 for ups in heights]
-    by_building = zip(heights, rises, more, strict=True)
-    return [np.append(ups, ups[-1] + rise * np.arange(1, n + 1)) for ups, rise, n in by_building]
+    heights = floor_heights(owner, [*map(len, floors(topology))], elevations)
+    for b, stack in enumerate(stacks(topology)):
+        ups, rise = heights[b], np.diff(heights[b], prepend=0.0)[-1] / 2
+        heights[b] = np.append(ups, ups[-1] + rise * np.arange(1, len(stack) - ups.size + 1))
+    return heights
 
 
 def heights_above_ground(owner: str, name: str, elevations: Any, n: int) -> np.ndarray:

@@ -15,7 +15,7 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.model.building import Building
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.system import Structures, as_tuple, gravity_of
-from jaxpound.model.topology import Topology, floors, is_storey, tuned_masses
+from jaxpound.model.topology import Topology, floors, is_storey, stacks
 from jaxpound.quantities import unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import are_concrete, sizes_of
@@ -163,7 +163,9 @@ def _of_building(
     displacements = [demand.masses[m].peak_x for m in masses]
     ductilities = [demand.rods[r].ductility for r in rods]
     yields = ductilities.count(None) < len(rods)
-    strokes = [demand.rods[r].peak_drift for _, r in tuned_masses(topology)[number]]
+    strokes = [
+        demand.rods[r].peak_drift for m, r in stacks(topology)[number] if m in topology.tuned
+    ]
     return FloorDemands(
         building=number,
         masses=masses,

@@ -156,19 +156,17 @@ def single_system(owner: str, structures: Any) -> System:
 
 
 def imprecise(system: System, grid: TimeGrid, numbers: Any) -> list[str]:
-    """Findings for a viscous damper whose brace steps do not resolve, and for single precision.
+    """Findings for a damper whose brace steps do not resolve, and contact in single precision.
 
-    The latter is for contact; ``numbers`` are all others of a run.
+    ``numbers`` are all others of a run.
     """
     findings = _unresolved(system, grid.dt)
     dtype = jnp.result_type(float, *jax.tree.leaves((system, numbers)))
-    if dtype == jnp.float64 or all(link.contact is None for link in system.links):
-        return findings
-    return [
-        *findings,
-        f"contact is run in {dtype}, in which forces are off by up to 1e-4 of themselves and "
-        'impacts may be missed: jax.config.update("jax_enable_x64", True) first makes it float64',
-    ]
+    if dtype != jnp.float64 and any(link.contact is not None for link in system.links):
+        rule = "forces are off by up to 1e-4 of themselves and impacts may be missed"
+        remedy = 'jax.config.update("jax_enable_x64", True) first makes it float64'
+        findings.append(f"contact is run in {dtype}, in which {rule}: {remedy}")
+    return findings
 
 
 _RESOLVED = 4.0  # steps over c/K from which errors of a damper on its brace are of first order

@@ -102,9 +102,8 @@ class Study(DemandColumns):
         """Number of masses, and the ends of rods and links."""
         if "topology" not in self.about:  # a store of an earlier version
             raise ValueError("Study.topology: the store must be of this version; it lacks links")
-        n_masses, rods, links, *tuned = self.about[
-            "topology"
-        ]  # lists if they were read from a file
+        # Lists if they were read from a file.
+        n_masses, rods, links, *tuned = self.about["topology"]
         rods, links = (tuple((i, j) for i, j in ends) for ends in (rods, links))
         return Topology(n_masses, rods, links, *map(tuple, tuned))
 

@@ -63,11 +63,8 @@ def in_both_modes(
         # Picked, not put: XLA calls a library for a scatter.
         return rebuild(jnp.where(np.array(mask), products[np.maximum(places, 0)], 0.0))
 
-    run, push_mapped, pull_mapped = (
-        mapped(function, False),
-        mapped(push, False),
-        mapped(pull, True),
-    )
+    run, push_mapped = (mapped(program, False) for program in (function, push))
+    pull_mapped = mapped(pull, True)
 
     @jax.custom_jvp
     def differentiable(inputs: Any, constants: Any) -> Any:
