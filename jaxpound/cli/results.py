@@ -231,7 +231,7 @@ def lines(results: dict[str, Any], checked_floors: str = "") -> list[str]:
         }
         tables.append(yields)
     strokes = [(i, x["tuned_mass_strokes_m"]) for i, x in enumerate(buildings, 1)]
-    if tuned := [(str(i), stroke) for i, of_building in strokes for stroke in of_building]:
+    if tuned := [(str(i), stroke) for i, lengths in strokes for stroke in lengths]:
         keys = "tuned mass of building", "stroke (m)"
         tables.append(dict(zip(keys, map(list, zip(*tuned, strict=True)), strict=True)))
     if bearings := [(i, x["isolation"]) for i, x in enumerate(buildings, 1) if x["isolation"]]:

@@ -76,8 +76,8 @@ def storey_rods(topology: Topology) -> tuple[int, ...]:
 @cache
 def floors(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     """The floors of each building, from the ground up: each a mass and the rod of its storey."""
-    of_all, tuned = stacks(topology), {*topology.tuned}
-    return tuple(tuple(pair for pair in pairs if pair[0] not in tuned) for pairs in of_all)
+    buildings, tuned = stacks(topology), {*topology.tuned}
+    return tuple(tuple(pair for pair in pairs if pair[0] not in tuned) for pairs in buildings)
 
 
 @cache

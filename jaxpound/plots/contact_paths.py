@@ -85,12 +85,12 @@ def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
     steps: dict[tuple[int, int], np.ndarray] = {}
     for group in link_groups(topology):
         if any(links[k].contact for k in group.links):
-            of_group, _ = coupling(topology, group, links, inverse, inerters)
+            coupled, _ = coupling(topology, group, links, inverse, inerters)
             pull = np.stack([pulls[k] for k in group.links], -1)
             closing = np.stack([elongation(links[k].ends, x) for k in group.links], -1)
-            of_links = [response.links[k] for k in group.links]
+            responses = [response.links[k] for k in group.links]
             motion = response.time, closing, pull
-            for m, points in _flows(motion, of_links, of_group, group.faces):
+            for m, points in _flows(motion, responses, coupled, group.faces):
                 steps |= {(k, m): points[:, :, j].T for j, k in enumerate(group.links)}
     return steps
 
@@ -109,8 +109,8 @@ def _flows(
     time, closing, pull = motion
 
     def series(name: str) -> np.ndarray:
-        of_each = (getattr(link, name) for link in links)
-        return np.stack([np.zeros(len(time)) if y is None else y for y in of_each], -1)
+        columns = (getattr(link, name) for link in links)
+        return np.stack([np.zeros(len(time)) if y is None else y for y in columns], -1)
 
     depth, velocity, force = -series("gap"), series("slip_velocity"), series("contact")
     modes = np.where(depth <= 0, APART, np.where(force == 0, CLIPPED, PRESSED))

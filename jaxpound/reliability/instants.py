@@ -71,8 +71,8 @@ def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]
     def elements(group: str, n_all: int) -> Iterable[int]:
         """Numbers of the elements that the demand is of."""
         alone = place is not None and place.group == group and demand not in OF_CONTACTS
-        of_floors = zip(OF_FLOORS, (storey_rods(topology), topology.floor_masses), strict=True)
-        return [place.element] if alone and place else dict(of_floors).get(demand, range(n_all))
+        floors = zip(OF_FLOORS, (storey_rods(topology), topology.floor_masses), strict=True)
+        return [place.element] if alone and place else dict(floors).get(demand, range(n_all))
 
     by_impacts = is_by_impacts(system, demand)
     if demand == REQUIRED_GAP or by_impacts:

@@ -139,8 +139,8 @@ def floor_demands(
         if [getattr(building, "n_floors", 1) for building in buildings] != n_floors:
             rule = f"must be those of the structures, of {n_floors} floors"
             raise InvalidInput("floor_demands", "buildings", "", rule)
-        of_all = zip(buildings, n_floors, strict=True)
-        heights = [getattr(building, "heights", ())[:n] for building, n in of_all]
+        sizes = zip(buildings, n_floors, strict=True)
+        heights = [getattr(building, "heights", ())[:n] for building, n in sizes]
     return tuple(_of_building(b, topology, found, each) for b, each in enumerate(heights))
 
 

@@ -19,10 +19,11 @@ from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import before_yield, zener_of
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import GROUND, Ends, Topology, link_groups, rod_groups, storey_rods
+from jaxpound.model.topology import Ends, Topology, link_groups, rod_groups, storey_rods
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
 from jaxpound.simulation.rod import nyquist_stiffness
+from jaxpound.simulation.state import link_inverse_mass
 
 
 @dataclasses.dataclass(frozen=True)
@@ -178,13 +179,12 @@ def _unresolved(system: System, dt: float) -> list[str]:
 
     Its force lags by half a step, which acts as −c dt/2 of mass (the table on the page on dampers).
     """
-    for r, rod in enumerate(system.rods):
-        law, masses = rod.material, [system.masses[end] for end in rod.ends or () if end != GROUND]
-        numbers = law, rod.stiffness, masses
+    for r, (rod, mobility) in enumerate(zip(system.rods, _mobilities(system), strict=True)):
+        law, numbers = rod.material, (rod.material, rod.stiffness, mobility)
         if not isinstance(law, PowerLaw) or not is_known_and_single(numbers) or not law.force:
             continue
         c, stiffness = float(law.force / law.velocity), float(rod.stiffness)
-        lag, steps = c * dt / 2 * sum(1 / float(m) for m in masses), dt * stiffness / c
+        lag, steps = c * dt / 2 * float(mobility), dt * stiffness / c
         if steps > _RESOLVED and lag > _NO_LAG:
             return [
                 f"{_part(system.topology, r)}: dt is {steps:.3g} times c/K, with c = F/v of the "
@@ -202,16 +202,16 @@ def require_stable(
 
     ``time`` is the unit of time of dimensionless ones, s, if dt is in s.
     """
-    system, of_time = structures.system(), float(time or 1)
+    system, seconds = structures.system(), float(time or 1)
     if is_traced(system):
         return
     concrete = jax.tree.map(np.asarray, system)
-    if dt > 0 and _courant(concrete, dt / of_time, scheme) < 1:
+    if dt > 0 and _courant(concrete, dt / seconds, scheme) < 1:
         return
     unit = "/ω1" if time is None and gravity_of(structures) is None else " s"
     limit = stability_limit(system, scheme)
-    rule = f"must be positive and below the stability limit {limit * of_time:.8g}{unit} of these "
-    rule += f"structures, set by {_stiffest(concrete, limit, scheme, of_time, unit)}"
+    rule = f"must be positive and below the stability limit {limit * seconds:.8g}{unit} of these "
+    rule += f"structures, set by {_stiffest(concrete, limit, scheme, seconds, unit)}"
     raise InvalidInput("", f"{place} dt", f"{dt:.8g}{unit}", rule)
 
 
@@ -263,9 +263,7 @@ _STIFFENED = 2.0  # times as stiff as at rest: a larger tau_f would allow longer
 def _stiffest(system: System, limit: float, scheme: Scheme, time: float, unit: str) -> str:
     """In words the rod with the largest stiffness at the limit over the masses at its ends."""
     topology, stiffness = system.topology, _nyquist(system, limit, scheme)
-    masses = [[system.masses[i] for i in ends if i != GROUND] for ends in topology.rods]
-    rates = [k * sum(1 / m for m in ends) for k, ends in zip(stiffness, masses, strict=True)]
-    r = int(np.argmax(rates))
+    r = int(np.argmax([k * x for k, x in zip(stiffness, _mobilities(system), strict=True)]))
     part, law = _part(topology, r), zener_of(system.rods[r].material)
     if law is None or (times := float(stiffness[r] / system.rods[r].stiffness)) < _STIFFENED:
         return part
@@ -273,6 +271,12 @@ def _stiffest(system: System, limit: float, scheme: Scheme, time: float, unit: s
     tau = f"{float(law.tau_f) * time**order:.4g}{f'{unit}^{order:.4g}' if unit == ' s' else ''}"
     tau = tau.removesuffix("^1")
     return f"{part}, which its small tau_f = {tau} makes {times:.3g} times as stiff as at rest"
+
+
+def _mobilities(system: System) -> list[Any]:
+    """The relative acceleration of each rod's ends under a unit force in it."""
+    inverse = [1 / mass for mass in system.masses]
+    return [link_inverse_mass(ends, inverse) for ends in system.topology.rods]
 
 
 def _part(topology: Topology, rod: int) -> str:

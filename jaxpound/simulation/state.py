@@ -238,7 +238,7 @@ def of_all_masses(
     return tuple(positions)
 
 
-def link_inverse_mass(ends: Ends, inverse: Sequence[jax.Array]) -> jax.Array:
+def link_inverse_mass(ends: Ends, inverse: Sequence[Any]) -> Any:
     """Relative acceleration of a link's ends under a unit force in the link."""
     i, j = ends
     if j == GROUND:

@@ -118,7 +118,8 @@ class Study(DemandColumns):
     def checked_floors(self) -> str:
         """Of how many floors ``pounding`` tells, in words; empty if it is of all."""
         names = [of_link("min_gap", k, self.n_links) for k in range(self.n_links)]
-        return checked_floors(self.topology, [self.finite(x) for x in names if x in self.columns])
+        smallest = [self._moments[x].smallest for x in names if x in self._moments]
+        return checked_floors(self.topology, smallest)
 
     def pounding(self, gap: float | None = None, *, link: int | None = None) -> np.ndarray:
         """Whether there was pounding in each run, shape (n,): 1 or 0, NaN where the run failed.
