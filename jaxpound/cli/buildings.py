@@ -99,11 +99,11 @@ class StoreySection(Section):
     """The storeys of a building: by its period and damping, or each by its mass and rod."""
 
     number: _Number | None = None
-    mass: _Mass | None = None
+    mass: Annotated[_Mass | list[_Mass], each(_Mass)] | None = None
     period: _Period | None = None
     damping_ratio: _Damping | None = None
     taper: Annotated[float, between(*TAPER)] | None = None
-    height: _Height | None = None
+    height: Annotated[_Height | list[_Height], each(_Height)] | None = None
 
     masses: Annotated[list[_Mass], each(_Mass, alone=False)] | None = None
     stiffnesses: Annotated[_Stiffness | list[_Stiffness], each(_Stiffness)] | None = None
@@ -118,7 +118,8 @@ class StoreySection(Section):
         uniform = not values.keys().isdisjoint({*_ONE_RULE} - {*_LISTED})
         allowed = _ONE_RULE if uniform else (*_LISTED, "heights", "tuned_masses")
         for key, value in values.items():
-            if key not in allowed or (uniform and isinstance(value, list)):
+            alike = uniform and key not in ("mass", "height")  # one rod of all storeys
+            if key not in allowed or (alike and isinstance(value, list)):
                 fault = f"a list of {key}" if key in allowed else key
                 raise ValueError(f"must not have {fault} here; give {_STOREYS}")
         if missing := [key for key in (_UNIFORM if uniform else _LISTED) if key not in values]:

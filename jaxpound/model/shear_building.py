@@ -151,32 +151,43 @@ class ShearBuilding:
         taper: float = 1.0,
         height: Any = 3.0,
     ) -> ShearBuilding:
-        """The building of equal floors with this period and damping ratio of the first mode.
+        """A building with this period and damping ratio of the first mode.
 
-        All storeys have rods of one law, so that the stiffnesses alone determine the modes' shapes:
-        in its first mode the building vibrates as one block on the rod of ``Building.from_period``.
-        ``order=1`` makes the viscous building of other programs, damped in proportion to the
-        stiffnesses.
+        The stiffnesses of the storeys, in the ratios that ``taper`` states, are scaled to the
+        period. All storeys have the order and the relaxation times of the rod of
+        ``Building.from_period``, on which one block has the same period and damping ratio. With
+        ``order=1`` they are springs and dashpots, and the damping is proportional to the stiffness.
+
+        Raises ``ValueError`` if there are not as many masses or heights as storeys, or as
+        ``Building.from_period``.
 
         Parameters
         ----------
         n_storeys
             Number of storeys, at least 1.
         storey_mass
-            Mass of each floor > 0, kg.
+            Mass > 0 of each floor, kg, from the ground up, or one for all.
         period, damping_ratio, order, tau_f
-            As in ``Building.from_period``, and so are errors; period and ratio of the first mode.
+            As in ``Building.from_period``; period and ratio of the first mode.
         taper
             Stiffness of the top storey over that of the first > 0; those between vary linearly.
         height
-            Height of each storey, m.
+            Height > 0 of each storey, m, from the ground up, or one for all.
+
+        Examples
+        --------
+        Seven floors of 300 t and a lighter roof, on a first storey that is higher:
+
+        >>> masses, heights = [300e3] * 7 + [200e3], [4.0] + [3.2] * 7
+        >>> frame = jp.ShearBuilding.from_period(8, masses, 1.1, 0.05, height=heights)
+        >>> round(float(frame.natural_period), 6), round(float(frame.elevations[-1]), 6)
+        (1.1, 26.4)
         """
         owner = "ShearBuilding.from_period"
         n = count(owner, "n_storeys", n_storeys)
-        if isinstance(storey_mass, list | tuple):
-            rule = "must be one number, that of every floor; floors that differ are given one by "
-            rule += "one, as ShearBuilding((Building(...), ...))"
-            raise InvalidInput(owner, "storey_mass", reprlib.repr(storey_mass), rule)
+        floors = enumerate(_each(owner, "storey_mass", storey_mass, n))
+        masses = positive_number(owner, **{f"storey_mass.{i}": mass for i, mass in floors})
+        heights = _each(owner, "height", height, n)
         taper = number(owner, "taper", taper)
         if is_traced(taper):
             rule = "must be known, not traced: the modes' shapes follow"
@@ -184,14 +195,13 @@ class ShearBuilding:
         positive = Rule("taper", taper, (taper > 0) & np.isfinite(taper), "positive, finite")
         enforce(owner, [positive, TAPER.of("taper", taper)])
         shares = np.linspace(1.0, float(taper), n)
-        # K φ = λ M φ with unit mass and stiffness of the first storey.
-        matrix = np.diag(shares + np.append(shares[1:], 0)) - np.diag(shares[1:], 1)
-        least = float(np.linalg.eigvalsh(matrix - np.diag(shares[1:], -1))[0])
         with renamed(owner, {"mass": "storey_mass"}):
-            block = Building.from_period(storey_mass, period, damping_ratio, order, tau_f)
-        stiffnesses = [block.stiffness * (share / least) for share in shares]
-        rod = (block.order, block.tau_f, block.tau_x)
-        return cls(tuple(Building(block.mass, k, *rod) for k in stiffnesses), height)
+            block = Building.from_period(masses[0], period, damping_ratio, order, tau_f)
+            unit = block.stiffness / _least_eigenvalue(shares, [m / masses[0] for m in masses])
+            rod = block.order, block.tau_f, block.tau_x
+            pairs = zip(masses, shares, strict=True)
+            storeys = [Building(mass, unit * share, *rod) for mass, share in pairs]
+        return cls(tuple(storeys), heights)
 
     @classmethod
     def published(cls, name: str) -> ShearBuilding:
@@ -352,6 +362,15 @@ def _each(owner: str, name: str, value: Any, n: int) -> tuple[Any, ...]:
         return (value,) * n
     listed = as_tuple(owner, name, value)
     if len(listed) != n:
-        rule = f"must be {n}, as masses, or one"
+        rule = f"must be {n}, a number for each storey, or one for all"
         raise InvalidInput(owner, f"{name}, {len(listed)} of them,", "", rule)
     return listed
+
+
+def _least_eigenvalue(stiffnesses: np.ndarray, masses: Sequence[Any]) -> Any:
+    """The least λ of K φ = λ M φ, of a shear building."""
+    xp = jnp if is_traced(masses) else np
+    off = np.diag(stiffnesses[1:], 1)
+    matrix = np.diag(stiffnesses + np.append(stiffnesses[1:], 0)) - off - off.T
+    scale = 1 / xp.sqrt(xp.stack(masses))
+    return xp.linalg.eigvalsh(matrix * xp.outer(scale, scale))[0]

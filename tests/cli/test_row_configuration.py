@@ -59,6 +59,14 @@ def test_where_links_are(keys, expected):
     assert all(float(one.friction) == 1e4 and np.isinf(one.gap) for one in links)
 
 
+def test_a_lighter_roof_and_a_higher_first_storey_with_a_period():
+    text = THREE.replace("height = 3.5", "height = [4.0, 3.2, 3.2]", 1)
+    text = text.replace("mass = 2e5, period = 0.2", "mass = [2e5, 1.2e5], period = 0.2")
+    frames = (3, 2e5, 0.3, 3.0), (3, 2e5, 0.4, (4.0, 3.2, 3.2)), (2, (2e5, 1.2e5), 0.2, 3.5)
+    expected = [jp.ShearBuilding.from_period(*x, 0.05, height=height) for *x, height in frames]
+    assert [*map(repr, layout_of(text).si.buildings)] == [*map(repr, expected)]
+
+
 def test_links_and_buildings_of_other_kinds():
     (link,) = layout_of(f"{THREE}[[link]]\nbuilding = 2\nfloor = 1\nfriction_force = 0").si.links
     assert float(link.friction) == 0
@@ -91,7 +99,7 @@ tau_x = 4e-2"""
 
 OF_STOREYS = r"""
 stiffnesses = [1e8] => [[building]] 1 storeys stiffnesses, 1 of t
-tau_x = [0.04, 0.04, 0.04] => storeys tau_x, 3 of them, must be 2, as m
+tau_x = [0.04, 0.04, 0.04] => storeys tau_x, 3 of them, must be 2, a number
 tau_x = 0.04 ; heights = [3] => storeys heights, 1 of them, must be 2
 masses = [2e5, -3e5]
     => [[building]] 1 storeys masses: storey 2 = -300000 kg must be between 0.001 and 1e+10 kg

@@ -87,7 +87,7 @@ test_faults = refusals(
     ("yield_force = 1e6\nyield_drift = 0.01", "a strength by yield_force and yield_drift must be"),
     ("hardening = 0.1", "a strength by nothing must be by one of yield_force, base_shear_coef"),
     ("yield_force = 1e6\nbeta = 0.5", 'beta must not be given with law = "bilinear"; give harden'),
-    ("yield_force = [1e6]", "yield_force, 1 of them, must be 3, as masses, or one"),
+    ("yield_force = [1e6]", "yield_force, 1 of them, must be 3, a number for each storey"),
     ("yield_force = [1e6, -1, 1e6]", "yield_force: storey 2 = -1 N must be between 1e-06 and"),
     ("yield_force = 1e6\nlaw = ['bilinear']", "law must be one for each of 3 storeys"),
     ("yield_force = 1e6\nlaw = 'linear'", 'law = "linear" must be "bilinear" or "bouc-wen", or a'),

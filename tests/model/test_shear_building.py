@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.optimize import root
 
 import jaxpound as jp
@@ -42,6 +43,33 @@ def test_the_first_mode_has_the_period_and_damping_asked_for_and_one_storey_is_a
     assert modes.eigenvalues[0] == pytest.approx(s, rel=1e-9)
     assert modes.periods[0] == pytest.approx(2 * np.pi / abs(s), rel=1e-9)
     assert modes.damping_ratios[0] == pytest.approx(-s.real / abs(s), rel=1e-9)
+
+
+def test_floors_of_other_masses_have_the_period_too_and_gradients_by_each_mass():
+    """A light roof and a high first storey: the shapes follow from masses and stiffnesses."""
+    masses, heights = [3e5, 2.5e5, 3e5, 1e5], [4.0, 3.2, 3.2, 3.0]
+    frame = ShearBuilding.from_period(4, masses, 1.1, 0.05, taper=0.6, height=heights)
+    assert frame.natural_period == pytest.approx(1.1, rel=1e-9)
+    assert [storey.mass for storey in frame.storeys] == masses
+    np.testing.assert_allclose(frame.elevations, np.cumsum(heights))
+    stiffnesses = np.array([storey.stiffness for storey in frame.storeys])
+    np.testing.assert_allclose(stiffnesses / stiffnesses[0], np.linspace(1, 0.6, 4), rtol=1e-12)
+    drifts = np.eye(4) - np.eye(4, k=-1)
+    least = eigh(drifts.T * stiffnesses @ drifts, np.diag(masses), eigvals_only=True)[0]
+    omega = 2 * np.pi / 1.1
+    modulus = np.real(frame.storeys[0].zener().complex_modulus(omega))
+    assert least * modulus == pytest.approx(omega**2, rel=1e-10)
+    equal = [ShearBuilding.from_period(3, m, 0.6, 0.05) for m in (2e5, np.full(3, 2e5))]
+    assert repr(equal[0]) == repr(equal[1])
+
+    def roof_stiffness(*masses):
+        return ShearBuilding.from_period(4, masses, 1.1, 0.05, taper=0.6).storeys[-1].stiffness
+
+    slopes = jax.jit(jax.grad(roof_stiffness, argnums=(0, 1, 2, 3)))(*masses)
+    for i, slope in enumerate(slopes):
+        up, down = ([m + (j == i) * d for j, m in enumerate(masses)] for d in (100.0, -100.0))
+        difference = (roof_stiffness(*up) - roof_stiffness(*down)) / 200
+        assert slope == pytest.approx(difference, rel=1e-6)
 
 
 def test_free_vibrations_are_those_of_spectra_and_of_textbooks_wherever_damping_sits():
@@ -193,10 +221,12 @@ test_bad_input = refusals(
     (lambda: ShearBuilding(()), r"storeys = \(\) must hold at least one storey"),
     (lambda: ShearBuilding(LOW.storeys, (3.0,)), "heights, 1 of them, must be 2, as storeys"),
     (lambda: ShearBuilding(LOW.storeys, -3.0), "heights.0 = -3 must be positive"),
-    (OF_STOREYS, [1, 2], [1] * 3, *ROD, "stiffnesses, 3 of them, must be 2, as masses, or one"),
+    (OF_STOREYS, [1, 2], [1] * 3, *ROD, "stiffnesses, 3 of them, must be 2, a number for each"),
     (OF_STOREYS, [1.0, -2.0], 1.0, *ROD, "of_storeys: storeys.1: mass = -2 must be positive"),
     (BY_PERIOD, 0, 1.0, 1.0, 0.05, "n_storeys = 0 must be"),
-    (BY_PERIOD, 2, [1.0, 2], 0.5, 0.05, r"storey_mass = \[1.0, 2\] must be one number, that of"),
+    (BY_PERIOD, 3, [1.0, 2], 0.5, 0.05, "storey_mass, 2 of them, must be 3, a number for each"),
+    (BY_PERIOD, 2, [1.0, -2], 0.5, 0.05, "from_period: storey_mass.1 = -2 must be positive"),
+    (lambda: BY_PERIOD(2, 1.0, 1.0, 0.05, height=[3.0] * 3), "height, 3 of them, must be 2, a"),
     (BY_PERIOD, 2, 1, 1, 0.9, f"{OWNER}from_period: damping_ratio = 0.9 must be below what a rod"),
     (lambda: BY_PERIOD(2, 1.0, 1.0, 0.05, taper=-1.0), "taper = -1 must be positive"),
     (lambda: ShearBuilding.published("chopra"), "unknown name 'chopra'"),
