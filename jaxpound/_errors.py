@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class InvalidInput(ValueError):  # noqa: N818  (its name says what is wrong)
@@ -47,7 +51,36 @@ class PlausibilityWarning(UserWarning):
     """Input that the time grid does not resolve, or that is implausible: see ``simulate``."""
 
 
-def warn(owner: str, findings: list[str], strict: bool) -> None:
+def resumable(argument: str, contents: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator of a function that goes on from what it has stored: Ctrl-C says what is kept.
+
+    ``argument`` is the keyword of the folder or file, ``contents`` what is kept there.
+    """
+
+    def decorated(function: Callable[P, R]) -> Callable[P, R]:
+        @functools.wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            try:
+                return function(*args, **kwargs)
+            except KeyboardInterrupt as stop:
+                if stop.args:  # of a function within this one
+                    raise
+                kept = f"nothing is kept, as there is no {argument}"
+                if (path := kwargs.get(argument)) is not None:
+                    kept = f"{contents} are kept in {path}, and the same call goes on from there"
+                raise KeyboardInterrupt(f"{function.__name__}: interrupted; {kept}") from None
+
+        return call
+
+    return decorated
+
+
+def warn(
+    owner: str,
+    findings: list[str],
+    strict: bool = False,
+    category: type[Warning] = PlausibilityWarning,
+) -> None:
     """Warn of each finding, at the line that called the library; refuse them all if ``strict``."""
     if strict and findings:
         raise InvalidInput(owner, "", "", "; ".join(findings))
@@ -56,7 +89,7 @@ def warn(owner: str, findings: list[str], strict: bool) -> None:
     while frame.f_back and frame.f_globals.get("__name__", "").startswith(internal):
         level, frame = level + 1, frame.f_back
     for finding in findings:
-        warnings.warn(f"{owner}: {finding}", PlausibilityWarning, stacklevel=level)
+        warnings.warn(f"{owner}: {finding}", category, stacklevel=level)
 
 
 # Where users import them, and as tracebacks show them.

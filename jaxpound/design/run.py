@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, require_memory
-from jaxpound._errors import warn
+from jaxpound._errors import resumable, warn
 from jaxpound.design.design import Comparison, Design, SearchHistory
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.lagrangian import AT_BOUND, AugmentedLagrangian, at_active_bound
@@ -40,6 +40,7 @@ class InfeasibleError(ValueError):
     """No design within the limits was found."""
 
 
+@resumable("save", "finished steps")
 def design_damper(
     space: DesignSpace,
     ensemble: Ensemble,

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from pathlib import Path
 
 import numpy as np
 
 from jaxpound._checks import positive_number
-from jaxpound._errors import InvalidInput, PlausibilityWarning
+from jaxpound._errors import InvalidInput, warn
 from jaxpound.ground.formats import at2, columns, knet
 from jaxpound.ground.formats.rows import line_of
 from jaxpound.ground.formats.text import MisreadError, read_file
@@ -114,8 +113,7 @@ def read_record(
         notes.append("the acceleration is 0 throughout: is this the right file or column?")
     stated = units is not None or header_unit is not None
     doubts = *notes, *of_samples(samples, values.dt, stated=stated)
-    for note in doubts:
-        warnings.warn(f"{file}: {note}", PlausibilityWarning, stacklevel=2)
+    warn(str(file), [*doubts])
     return derived(samples, values.dt, file.stem, doubts=doubts)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, positive, positive_number
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
 from jaxpound.hazard.capacities import CensoredRegression, regression
@@ -162,6 +162,7 @@ def fit_cloud(
     return Cloud(im, y, censored, line, measure=measure)
 
 
+@resumable("store", "finished runs")
 def cloud_analysis(
     structures: Structures,
     records: Any,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, hint, number
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
 from jaxpound.hazard import suite_runs
@@ -101,6 +101,7 @@ class IncrementalDynamicAnalysis(Shown):
         return [TextTable("Incremental dynamic analysis", columns, rows, notes, digits=4)]
 
 
+@resumable("store", "finished runs")
 def incremental_dynamic_analysis(
     structures: Structures,
     records: Any,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.record import Record, derived
@@ -67,6 +67,7 @@ class Stripes(Shown):
         return [TextTable("Multiple stripes", columns, rows, notes, digits=4)]
 
 
+@resumable("store", "finished runs")
 def multiple_stripes(
     structures: Structures,
     records: Any,

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import log_ndtr, logsumexp, ndtr
 
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound.reliability.design_points import COVERED, NEAR, DesignPoints, find_design_points
 from jaxpound.reliability.limit_state import COMPILING, LimitState, SearchRuns, require_dependence
 from jaxpound.reliability.result import NO_ESTIMATE, RAREST, RareEvent, always
@@ -225,7 +224,7 @@ class DesignPointSearch:
                 return DesignPoints(**fields)
         except DamagedError as error:
             damage = f"{_POINTS_FILE} is damaged ({error}); it is made anew"
-            warnings.warn(f"store {folder}: {damage}", stacklevel=2)
+            warn(f"store {folder}", [damage], category=UserWarning)
         except FileNotFoundError:
             pass
         points = self._search()

@@ -11,7 +11,7 @@ import jax
 from tqdm.auto import tqdm
 
 from jaxpound._checks import count, hint, instance, require_share
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, resumable
 from jaxpound.grid import TimeGrid
 from jaxpound.reliability.importance import OWNER, DesignPointSearch
 from jaxpound.reliability.limit_state import LimitState, state_of
@@ -27,6 +27,7 @@ _FEW = 30  # random numbers below which a few points do not stand for all failur
 _MOST_AROUND = 50_000  # runs around design points, by default
 
 
+@resumable("store", "finished runs")
 def rare_event(
     scenarios: ScenarioSet,
     grid: TimeGrid,

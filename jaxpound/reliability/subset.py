@@ -22,6 +22,7 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from jaxpound._checks import Rule, count, enforce, positive, require_memory, require_share
+from jaxpound._errors import resumable
 from jaxpound.grid import TimeGrid
 from jaxpound.reliability import limit_state
 from jaxpound.reliability.limit_state import LimitState, QueryId, require_dependence
@@ -45,6 +46,7 @@ _LARGE_COV, _LARGE_SHARE = 0.5, 0.3
 _SURE = 0.05  # probability that a bound from samples is wrong
 
 
+@resumable("store", "finished runs")
 def subset_simulation(
     scenarios: ScenarioSet,
     grid: TimeGrid,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax
 
 from jaxpound._checks import Rule, enforce, finite, require_share
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, interval, name, put, require_paths
@@ -76,6 +76,7 @@ class Reached(Shown):
         return [TextTable(title, columns, rows, notes)]
 
 
+@resumable("store", "finished runs")
 def reach_probability(
     path: str,
     probability: float,

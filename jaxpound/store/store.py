@@ -20,7 +20,6 @@ import math
 import os
 import re
 import reprlib
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._version import __version__
 from jaxpound.store import archive
 
@@ -132,7 +131,7 @@ class Store:
         return None
 
     def undamaged(
-        self, chunks: Iterable[int], consequence: str, stacklevel: int = 3
+        self, chunks: Iterable[int], consequence: str
     ) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
         """The undamaged ones of these chunks; a warning on the others ends with ``consequence``."""
         damaged = []
@@ -145,7 +144,7 @@ class Store:
         if damaged:
             more = f"; and {len(damaged) - _SHOWN:,} more" if len(damaged) > _SHOWN else ""
             message = f"{'; '.join(damaged[:_SHOWN])}{more}; {consequence}"
-            warnings.warn(f"store {self.folder}: {message}", stacklevel=stacklevel)
+            warn(f"store {self.folder}", [message], category=UserWarning)
 
     def has(self, chunk: int) -> bool:
         """Whether there is a file for a chunk."""

@@ -197,7 +197,7 @@ def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:
 def finished(store: Store, chunks: Iterable[int]) -> Iterator[tuple[int, dict[str, Moments]]]:
     """The undamaged ones of these chunks, with their moments; a warning names the damaged ones."""
     consequence = "damaged chunks are left out until monte_carlo runs them again"
-    for chunk, columns in store.undamaged(chunks, consequence, stacklevel=4):
+    for chunk, columns in store.undamaged(chunks, consequence):
         yield chunk, moments(columns)
 
 

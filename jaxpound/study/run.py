@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
@@ -23,7 +24,7 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from jaxpound._checks import count, instance, require_memory
-from jaxpound._errors import InvalidInput, warn
+from jaxpound._errors import InvalidInput, resumable, warn
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import of_many
 from jaxpound.model.hysteresis import before_yield
@@ -41,10 +42,11 @@ from jaxpound.study.statistics import Moments
 from jaxpound.study.study import Study
 from jaxpound.units import Scales, scales_for
 
-_CHUNK_SIZE = 16_384
+_SMALLEST, _LARGEST, _CHUNKS = 32, 16_384, 8  # samples of a chunk, and chunks at least
 _MOMENTS_BYTES = 250  # of a column of a chunk
 
 
+@resumable("store", "finished chunks")
 def monte_carlo(
     scenarios: ScenarioSet,
     n: int,
@@ -88,7 +90,8 @@ def monte_carlo(
     store
         A folder, made if needed, with one file per chunk. Without it the columns stay in memory.
     chunk_size
-        Samples per chunk; by default 16,384, or that of the store.
+        Samples per chunk. By default that of an existing store; else the largest power of 2 that
+        makes eight chunks, from 32 to 16,384.
     measures
         Further columns by name: traceable functions of (structures, ground) to one number. A name
         has 1 to 200 printable characters without a slash. A callable dataclass may state what its
@@ -146,7 +149,8 @@ def monte_carlo(
     scales, pair = scales_for(owner, structures, scales), isinstance(structures, AdjacentStructures)
     if chunk_size is None:  # that of an existing store
         exists = store is not None and os.path.lexists(Path(store) / MANIFEST)
-        chunk_size = Store(store).chunk_size if store is not None and exists else _CHUNK_SIZE
+        chunk_size = min(max(_SMALLEST, 2 ** int(math.log2(n / _CHUNKS))), _LARGEST)
+        chunk_size = Store(store).chunk_size if store is not None and exists else chunk_size
     size = count(owner, "chunk_size", chunk_size)
     task = Task(
         *(scenarios, grid, scheme, key_numbers(owner, key), sampling, int(n), size),

@@ -20,6 +20,8 @@ from scipy import stats
 
 import jaxpound as jp
 from jaxpound.scenarios.sampling import points
+from jaxpound.store.store import Store
+from jaxpound.study.chunk import Task
 from tests.refusals import refusals, refused
 
 TESTS = Path(__file__).parent
@@ -172,6 +174,28 @@ def test_samples_do_not_depend_on_chunks_or_shards_or_where_they_run(tmp_path, s
         assert_allclose(part["pga"], whole["pga"][part.indices], rtol=1e-9)
         assert_array_equal(part.points(), whole.points()[part.indices])
     assert files(tmp_path / "a") == files(tmp_path / "b")
+
+
+def test_a_study_has_eight_chunks_and_ctrl_c_says_which_are_kept(tmp_path, monkeypatch):
+    folder, finished, compute = tmp_path / "study", [], Task.compute
+
+    def computed(task, chunk):
+        if len(finished) == 2:
+            raise KeyboardInterrupt
+        finished.append(chunk)
+        return compute(task, chunk)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Task, "compute", computed)
+        kept = f"^monte_carlo: interrupted; finished chunks are kept in {folder}, and the same call"
+        with pytest.raises(KeyboardInterrupt, match=kept):
+            study(LINEAR, 300, store=folder, chunk_size=None)
+        with pytest.raises(KeyboardInterrupt, match="interrupted; nothing is kept, as there is no"):
+            study(LINEAR, 300)
+    assert len([*folder.glob("chunk-*")]) == 2
+    assert len(study(LINEAR, 300, store=folder, chunk_size=None)) == 300
+    assert len([*folder.glob("chunk-*")]) == 10  # of 32 samples
+    assert Store(folder).chunk_size == 32
 
 
 def test_samples_are_the_same_in_another_process_on_two_devices(tmp_path):
