@@ -2,6 +2,7 @@
 
 import ast
 import collections
+import contextlib
 import dataclasses
 import doctest
 import graphlib
@@ -10,6 +11,7 @@ import io
 import keyword
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tokenize
@@ -21,6 +23,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._extras import EXTRAS
+from jaxpound.cli import main as cli
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(jp.__file__).parent  # the clone's or, where a release is checked, the wheel's
@@ -204,6 +207,25 @@ def test_readme_s_python_examples_run(number, monkeypatch):
     """With fewer earthquakes, where there are ten thousand."""
     monkeypatch.setattr(jp, "use_cores", lambda: None)  # JAX runs already
     exec(readme_blocks("python")[number].replace("10_000", "500"), {"__name__": "readme"})
+
+
+def test_readme_s_commands_run_as_they_stand(tmp_path, monkeypatch, capsys):
+    """In a folder without any file; those that install it are run by CI."""
+    monkeypatch.chdir(tmp_path)
+    blocks = [block for block in readme_blocks("sh") if "pip install" not in block]
+    commands = [line for block in blocks for line in block.splitlines()]
+    assert len(commands) > 2
+    for command in commands:
+        command, _, file = command.partition(" > ")
+        program, *arguments = shlex.split(command)
+        assert program == "jaxpound"
+        with contextlib.suppress(SystemExit):  # of an example that is printed
+            assert cli.main(arguments) == 0
+        shown = capsys.readouterr()
+        if file:
+            Path(file).write_text(shown.out, encoding="utf-8")
+    assert "Gaps     smallest" in shown.out
+    assert (tmp_path / "results" / "summary.json").exists()
 
 
 START = """

@@ -38,9 +38,13 @@ FORMS = ("pair", "row")
 
 
 def example(command: str, form: str = "pair") -> str:
-    """The documented example configuration of a command, in one of the ``FORMS``, as text."""
+    """The documented example configuration of a command, in one of the ``FORMS``, as text.
+
+    Its example of a record is the form "record".
+    """
     name = command if form == "pair" else f"{command}_{form}"
-    return (resources.files("jaxpound.cli") / f"{name}.toml").read_text(encoding="utf-8")
+    ending = "at2" if form == "record" else "toml"
+    return (resources.files("jaxpound.cli") / f"{name}.{ending}").read_text(encoding="utf-8")
 
 
 def make_folder(out: Path) -> None:

@@ -170,6 +170,18 @@ def _example(words: str, forms: Sequence[str] = FORMS) -> Argument:
     return "--example-config", {"help": f"print {words}", **options}
 
 
+_EXAMPLE_RECORD: Argument = (
+    "--example-record",
+    {
+        "help": "print a random motion of 25 s as a file AT2 and exit",
+        "nargs": 0,
+        "action": _PrintExample,
+        "const": "record",
+        "dest": argparse.SUPPRESS,
+    },
+)
+
+
 def _configuration(words: str, example: str, forms: Sequence[str] = FORMS) -> list[Argument]:
     """The file that a command reads, and the option that prints an example of it."""
     return [_file("config", words, "CONFIG.toml"), _example(f"{example} and exit", forms)]
@@ -213,12 +225,14 @@ _COMMANDS = {
             _file("--record", _RECORD, required=True),
             _file("--config", _BUILDINGS),
             _example("the example configuration and exit"),
+            _EXAMPLE_RECORD,
             ("--units", {"help": f"of the record: {_UNITS}"}),
             ("--dt", {"help": "its time step in s, for a file that states none", "type": float}),
             _STRICT,
         ],
         "jaxpound simulate --example-config row > buildings.toml\n"
-        "  jaxpound simulate --record elcentro.at2 --config buildings.toml --out results",
+        "  jaxpound simulate --example-record > quake.at2\n"
+        "  jaxpound simulate --record quake.at2 --config buildings.toml --out results",
     ),
     "montecarlo": Command(
         "a Monte Carlo study of uncertain earthquakes and buildings; goes on where it was stopped",
@@ -253,7 +267,8 @@ _COMMANDS = {
             _STRICT,
         ],
         "jaxpound design --example-config > design.toml\n"
-        "  jaxpound design design.toml --record elcentro.at2 --out results",
+        "  jaxpound simulate --example-record > quake.at2\n"
+        "  jaxpound design design.toml --record quake.at2 --out results",
     ),
     "ida": Command(
         "an incremental dynamic analysis: records scaled up until buildings pound",

@@ -2,8 +2,10 @@
 
 import re
 
+import numpy as np
 import pytest
 
+import jaxpound as jp
 from jaxpound.cli import buildings, design, hazard, ida, montecarlo, rare, reading, simulate
 from jaxpound.cli import main as cli
 from jaxpound.cli.files import example
@@ -22,6 +24,19 @@ def test_the_example_is_printed_and_read(command, form, capsys):
     text = capsys.readouterr().out
     assert text == example(command, form or "pair")
     reading.File("example", text).read(CONFIGURATIONS[command])
+
+
+def test_the_example_of_a_record_is_a_motion_of_the_library_s_noise(tmp_path, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["simulate", "--example-record"])
+    path = tmp_path / "quake.at2"
+    path.write_text(capsys.readouterr().out)
+    noise = jp.SiteBasedNoise(6.5, 10.0, 400.0, "strike-slip", samples=1250, dt=0.02)
+    z = np.zeros(noise.dimension)
+    z[6:] = np.random.default_rng(4).standard_normal(len(z) - 6)
+    record = jp.read_record(path)
+    assert record.dt == 0.02
+    np.testing.assert_allclose(record.samples, noise.draw(z).samples, rtol=1e-6, atol=1e-12)
 
 
 TABLES = {
