@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar, cast, dataclass_transform
 import jax.numpy as jnp
 from jax.tree_util import GetAttrKey, register_pytree_with_keys, tree_structure
 
+from jaxpound import _checks
 from jaxpound._checks import Range, Rule, enforce, finite, instance, is_traced, number, pytree, real
 from jaxpound._tables import dataclass_repr
 
@@ -251,6 +252,15 @@ def check(obj: Any) -> None:
                 if field.metadata["traced"]:
                     pytree(owner, name, item)
     enforce(owner, _rules_of(obj, ""))
+
+
+class Batch:
+    """A dataclass whose parameters may be arrays, which must make one batch."""
+
+    def __post_init__(self) -> None:
+        check(self)
+        numbers = {name: value for name, _, value in walk(self, Parameter)}
+        _checks.require_batch(type(self).__name__, **numbers)
 
 
 def ranges(tree: Any, prefix: str = "") -> list[Rule]:

@@ -105,11 +105,6 @@ class StudyTable(Section):
                 raise refused("link", "must be a link with a gap", str(self.link))
         return study
 
-    @property
-    def number(self) -> int | None:
-        """The link, from 0."""
-        return None if self.link is None else self.link - 1
-
 
 class LifetimeResults(Section):
     """The life of a building, and the form of the results."""
@@ -202,8 +197,8 @@ def of_study(
 ) -> LifetimeRisk:
     """The rate by a study, through the fragility of its runs unless the hazard has drawn them."""
     results, place = lifetime.results, f"{file.name}: [study]"
-    shares = table.gap_probabilities or ()
-    options: Any = {"link": table.number, "confidence": results.confidence}
+    shares, link = table.gap_probabilities or (), None if table.link is None else table.link - 1
+    options: Any = {"link": link, "confidence": results.confidence}
     with named(place):
         study = table.opened(file)
         if table.drawn:
@@ -214,8 +209,7 @@ def of_study(
                 rule += "earthquakes; leave it out, or use HazardCurve.annual_rate_of(..., "
                 rule += "drawn=True) in Python if they follow it"
                 raise refused("drawn", rule, "true")
-            of_link: Any = {"gap": table.gap, "link": table.number}
-            rate = hazard.annual_rate_of(study, results.confidence, **of_link)
+            rate = hazard.annual_rate_of(study, results.confidence, gap=table.gap, link=link)
             if not rate.value:
                 raise refused("store", "must hold runs with pounding to have a rate")
             gaps = {p: hazard.required_gap(study, p, results.years, **options) for p in shares}
@@ -225,7 +219,7 @@ def of_study(
     hazard, factor = _with_unit(place_of_hazard, lifetime.hazard.unit, hazard, study_measure)
     measure = Measure.of_text(hazard.measure)
     with named(place):
-        curve = study.fragility(column, table.gap, link=table.number)
+        curve = study.fragility(column, table.gap, link=link)
     numbers: Any = {"median": curve.median / factor, "intensity": curve.intensity / factor}
     words = str(dataclasses.replace(study_measure, unit=measure.unit))
     curve = dataclasses.replace(curve, **numbers, unit=measure.unit, measure=words)

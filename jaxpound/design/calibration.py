@@ -224,8 +224,11 @@ def _calibrated(
     if not fits:
         raise InvalidInput(owner, "", "", f"no start of {starts} gives a finite response")
     best = min(fits, key=lambda x: x.cost)
-    if noise is None:
-        best = fit(best.x, _weights_by_residuals(weights, best.fun, data))
+    if noise is None:  # by the standard deviations of each series' residuals
+        ends = np.cumsum([x.size for x in data.values()])[:-1]
+        for (name, x), over_weight in zip(data.items(), np.split(best.fun, ends), strict=True):
+            weights[name] *= _spread(over_weight[np.isfinite(x)]) or 1.0
+        best = fit(best.x, weights)
         fits.append(best)
     shares = np.asarray(best.x)
     estimates = _estimates(owner, space, best, n, noise is not None, confidence)
@@ -334,15 +337,6 @@ def _weights(owner: str, data: Mapping[str, np.ndarray], noise: Any) -> dict[str
             raise InvalidInput(owner, "noise", "", f"lacks {name!r}, which was measured")
         _checks.positive_number(owner, **{f"noise[{name!r}]": noise[name]})
     return {name: float(noise[name]) for name in data}
-
-
-def _weights_by_residuals(
-    weights: Mapping[str, float], residuals: Any, data: Mapping[str, np.ndarray]
-) -> dict[str, float]:
-    """The standard deviations of each series' residuals, which are given over the weights."""
-    ends = np.cumsum([x.size for x in data.values()])[:-1]
-    parts = zip(data.items(), np.split(np.asarray(residuals), ends), strict=True)
-    return {name: weights[name] * (_spread(r[np.isfinite(x)]) or 1.0) for (name, x), r in parts}
 
 
 def _estimates(

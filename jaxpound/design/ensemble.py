@@ -119,8 +119,7 @@ class Ensemble:
             if not np.isfinite(leaf).all():
                 first_invalid = int(np.argmin(np.isfinite(leaf).reshape(n, -1).all(axis=1)))
                 raise InvalidInput(owner, f"scenario {start + first_invalid}", "", "must be finite")
-        options: Any = {"key": key, "sampling": sampling, "start": start + n}
-        more = partial(Ensemble.drawn, scenarios, **options)
+        more = partial(Ensemble.drawn, scenarios, key=key, sampling=sampling, start=start + n)
         units = [str(part.time_unit) for part in records_in(scenario[1])]
         return Ensemble(grounds, uncertain, min(units, default=None), scenarios, more)
 

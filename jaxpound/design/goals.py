@@ -12,6 +12,7 @@ from jax.scipy.special import logsumexp, ndtr
 
 from jaxpound._checks import Rule, enforce, finite, number, positive_number, require_share
 from jaxpound._errors import InvalidInput
+from jaxpound._fields import Checked, parameter
 from jaxpound.results.named import kind_of, require_limited
 
 
@@ -58,16 +59,13 @@ class GapAtRest:
 
 
 @dataclasses.dataclass(frozen=True)
-class SoftMinimum:
+class SoftMinimum(Checked):
     """−T ln of the mean of e^(−ξ/T): between the smallest (T → 0) and the mean (T → ∞) gap.
 
     The temperature T > 0 is in the gap's unit.
     """
 
-    temperature: float
-
-    def __post_init__(self) -> None:
-        positive_number("SoftMinimum", temperature=self.temperature)
+    temperature: float = parameter(above=0, single=True)
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
         """Their soft minimum."""

@@ -1,10 +1,9 @@
 """One iteration of a design search, first-order conditions, and polishing of the best design.
 
-An iteration takes an augmented Lagrangian at many designs at once.
-With the objective J to be maximised (in units of its size), the excesses c = limited demand / limit
-− 1, multipliers λ ≥ 0 and a weight w, an optimiser minimises −J + Σ (max(0, λ + w c)² − λ²) / 2 w,
-and every ten iterations λ becomes max(0, λ + w c) (Nocedal and Wright 2006, section 17.3). Bounds
-are kept by projection.
+An iteration takes an augmented Lagrangian at many designs at once. With the objective J to be
+maximised (in units of its size), the excesses c = limited demand / limit − 1, multipliers λ ≥ 0 and
+a weight w, an optimiser minimises −J + Σ (max(0, λ + w c)² − λ²) / 2 w, and every ten iterations λ
+becomes max(0, λ + w c) (Nocedal and Wright 2006, section 17.3). Bounds are kept by projection.
 """
 
 from __future__ import annotations

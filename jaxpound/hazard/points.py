@@ -192,12 +192,11 @@ def rate_of(owner: str, probability: float, years: float) -> float:
 
 _PLACES = {"lon", "lat", "depth", "name", "vs30", "custom_site_id"}
 
-HazardPoints = tuple[np.ndarray, np.ndarray, str]
-"""Intensities, annual rates, and the measure's name."""
 
-
-def read_hazard(file: str | PathLike[str], site: int | str | None, first: int = 0) -> HazardPoints:
-    """``HazardCurve.read``, with rows of sites counted from ``first``."""
+def read_hazard(
+    file: str | PathLike[str], site: int | str | None, first: int = 0
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """Fields of ``HazardCurve.read``, with rows of sites counted from ``first``."""
     path = Path(file)
     owner = f"HazardCurve.read: {path}"
     lines = path.read_text(encoding="utf-8-sig").splitlines()

@@ -213,7 +213,8 @@ class SuiteRuns:
             columns = (self._log.rows[name].tolist() for name in _COLUMNS)
             for record, factor, *results, has_slope in zip(*columns, strict=True):
                 self._finished[int(has_slope)][int(record), factor] = results
-        self._programs = in_chunks(value, _part()), in_chunks(with_slope, _part())
+        self._part = part = runs_at_a_time() // 4  # runs after which a file is written
+        self._programs = in_chunks(value, part), in_chunks(with_slope, part)
         self._owner, self.si = owner, scales is not None
         self.bar = tqdm(unit=" runs", disable=not progress)
         # Called with the numbers of the records before each batch.
@@ -242,7 +243,7 @@ class SuiteRuns:
         factors = np.asarray(intensities / self.intensity.unscaled[records], jnp.zeros(()).dtype)
         self.bar.total = (self.bar.total or 0) + len(records)
         runs = [*zip(records.tolist(), factors.tolist(), strict=True)]
-        finished, size = self._finished[slopes], min(len(runs), _part())
+        finished, size = self._finished[slopes], min(len(runs), self._part)
         for start in range(0, len(runs), size):
             part = runs[start : start + size]
             missing = np.array([i for i, run in enumerate(part, start) if run not in finished], int)
@@ -263,8 +264,3 @@ class SuiteRuns:
             rule = f"must be finite, but is {results[i, 0]}"
             raise FloatingPointError(f"{place}: {self.demand} {rule}")
         return results
-
-
-def _part() -> int:
-    """Runs after which a file is written."""
-    return runs_at_a_time() // 4

@@ -16,11 +16,11 @@ import numpy as np
 from jax import lax
 from jax.extend.core import Jaxpr, Var
 
-from jaxpound._checks import Range, hint, require_batch
+from jaxpound._checks import Range, hint
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger
 from jaxpound._fields import (
-    check,
+    Batch,
     like,
     node_classes,
     parameter,
@@ -157,7 +157,7 @@ class Newton:
     )
 
 
-class _DampedLaw:
+class _DampedLaw(Batch):
     """A law whose damping coefficient is computed once for an effective mass.
 
     Its ``force`` is a function of ``stiffness`` and ``_damping``, by default for effective mass 1.
@@ -172,11 +172,6 @@ class _DampedLaw:
     @property
     def _damping(self) -> Any:
         return self._damping_for(1.0)
-
-    def __post_init__(self) -> None:
-        check(self)
-        numbers = {"stiffness": self.stiffness, "restitution": self.restitution}
-        require_batch(type(self).__name__, **numbers)
 
     def for_mass(self, effective_mass: Any) -> ContactLaw:
         """The law for blocks of this effective mass."""

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxpound._checks import Range, require_batch
+from jaxpound._checks import Range
 from jaxpound._extrema import smaller
-from jaxpound._fields import check, parameter, pytree_dataclass
+from jaxpound._fields import Batch, parameter, pytree_dataclass
 
 _VELOCITY = Range(1e-6, 100, "m/s", "of an earthquake's motion")
 _INERTANCE = Range(0, 1e12, "kg", "up to that of many buildings")
@@ -18,7 +18,7 @@ _ITERATIONS = 8  # of Newton's method, to rounding
 
 
 @pytree_dataclass
-class PowerLaw:
+class PowerLaw(Batch):
     r"""A viscous damper, :math:`f = F (|v_d|/v)^a \operatorname{sgn} v_d`; a material of a rod.
 
     It is c |v_d|^a sgn v_d with c = F/v^a: for v = 1 m/s, c in N (s/m)^a is the same number as F.
@@ -52,10 +52,6 @@ class PowerLaw:
     velocity: Any = parameter(
         "v", "velocity", "reference velocity", above=0, within=_VELOCITY, default=1.0
     )
-
-    def __post_init__(self) -> None:
-        check(self)
-        require_batch(type(self).__name__, **vars(self))
 
     def for_steps(self, stiffness: Any, dt: Any) -> Dashpot:
         """The law in steps of a length, beside a spring."""
@@ -167,7 +163,7 @@ class Inerter:
 
 
 @pytree_dataclass
-class VelocityFriction:
+class VelocityFriction(Batch):
     r"""What friction gains with the velocity, :math:`F (1 - e^{-|w|/v})`.
 
     Beside the slip force μ of a link it is the friction of PTFE and other bearings, which grows
@@ -189,10 +185,6 @@ class VelocityFriction:
     velocity: Any = parameter(
         "v", "velocity", "velocity of the increase", above=0, within=_VELOCITY
     )
-
-    def __post_init__(self) -> None:
-        check(self)
-        require_batch(type(self).__name__, **vars(self))
 
     def resistance(self, speed: Any) -> jax.Array:
         """F (1 − e^(−|w|/v))."""

@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Range, Rule, finite, require_batch
+from jaxpound._checks import Range, Rule, finite
 from jaxpound._extrema import larger
-from jaxpound._fields import Parameter, check, like, parameter, part, pytree_dataclass, walk
+from jaxpound._fields import Batch, Parameter, like, parameter, part, pytree_dataclass, walk
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.parameters import replaced
 from jaxpound.model.rod import ZenerRod
@@ -73,7 +73,7 @@ class Plastic(NamedTuple):
 
 
 @pytree_dataclass
-class Bilinear:
+class Bilinear(Batch):
     r"""A bilinear rod, :math:`f = K (α e + (1 - α) e_y z)`, with z' = e'/e_y inside |z| < 1.
 
     At z = ±1 it yields, and z stays there until the elongation e turns: a spring of stiffness α K
@@ -106,10 +106,6 @@ class Bilinear:
     ultimate_displacement: Any = parameter(
         "e_u", "length", least="yield_displacement", finite=False, within=_END, default=np.inf
     )
-
-    def __post_init__(self) -> None:
-        check(self)
-        require_batch(type(self).__name__, **vars(self))
 
     def more_rules(self, prefix: str) -> list[Rule]:
         """A rod whose stiffness may be negative collapses somewhere."""
@@ -152,7 +148,7 @@ class Smooth(NamedTuple):
 
 
 @pytree_dataclass
-class BoucWen:
+class BoucWen(Batch):
     r"""A rod after Bouc, Wen, Baber and Noori, :math:`f = K (α e + (1 - α) e_y z)`.
 
     .. math:: z' = \frac{e'}{e_y} \frac{1 - |z|^n (β\, \mathrm{sgn}(e' z) + γ) ν}{η},
@@ -197,10 +193,6 @@ class BoucWen:
     strength_degradation: Any = parameter(r"\delta_\nu", least=0, within=_WEAR, default=0.0)
     stiffness_degradation: Any = parameter(r"\delta_\eta", least=0, within=_WEAR, default=0.0)
     ultimate_displacement: Any = like(Bilinear, "ultimate_displacement", default=np.inf)
-
-    def __post_init__(self) -> None:
-        check(self)
-        require_batch(type(self).__name__, **vars(self))
 
     more_rules = Bilinear.more_rules
     dissipated = Bilinear.dissipated

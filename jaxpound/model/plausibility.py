@@ -46,7 +46,6 @@ LEAST_MASS, MODEL_PERIOD = 9e3, 0.25
 with the mass in t or the weight in kN. Models on shaking tables are lighter, and quicker than a
 period, s."""
 
-
 MOST_MASS = {20: 1e7, 2: 2.5e6, 0: np.inf}
 """Most plausible mass of a floor, kg, of more than so many storeys: 50 m by 50 m have 2,500 t,
 floors of the tallest 7,000 t, one or two storeys may stand for a tower. Beyond are floors of 255 t

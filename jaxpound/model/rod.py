@@ -9,12 +9,12 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import positive, require_batch
-from jaxpound._fields import check, parameter, pytree_dataclass
+from jaxpound._checks import positive
+from jaxpound._fields import Batch, parameter, pytree_dataclass
 
 
 @pytree_dataclass
-class ZenerRod:
+class ZenerRod(Batch):
     r"""A fractional Zener rod, :math:`f + τ_f D^γ f = K (x + τ_x D^γ x)`, per unit of stiffness K.
 
     Parameters
@@ -46,10 +46,6 @@ class ZenerRod:
         why="second law of thermodynamics",
         usual=(0.02, 20.0),
     )
-
-    def __post_init__(self) -> None:
-        check(self)
-        require_batch("ZenerRod", order=self.order, tau_f=self.tau_f, tau_x=self.tau_x)
 
     @property
     def static_modulus(self) -> float:

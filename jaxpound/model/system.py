@@ -228,7 +228,7 @@ class System:
                 if max(ends) >= n:
                     rule = f"must name masses from 0 to {n - 1}, or GROUND (-1)"
                     raise InvalidInput("System", f"{name}.{k}.ends", str(ends), rule)
-        group = joined_ends(n, topology.rods)
+        group, _ = joined_ends(n, topology.rods)
         for mass in range(n):
             if group[mass] != group[GROUND]:
                 rule = "must be tied to the ground by rods, directly or through other masses"

@@ -41,7 +41,7 @@ class Topology(NamedTuple):
 def ring(topology: Topology) -> int | None:
     """The first link that closes a ring with the links before it; None if none does."""
     links = [k for k in range(len(topology.links)) if k not in faces(topology)]
-    tree = _joined(topology.n_masses, [topology.links[k] for k in links])[1]
+    _, tree = joined_ends(topology.n_masses, [topology.links[k] for k in links])
     return next((k for n, k in enumerate(links) if n not in tree), None)
 
 
@@ -69,7 +69,7 @@ def storey_rods(topology: Topology) -> tuple[int, ...]:
 
     Nor are those of tuned masses.
     """
-    tree = _joined(topology.n_masses, topology.rods)[1]
+    _, tree = joined_ends(topology.n_masses, topology.rods)
     return tuple(r for r in tree if not {*topology.rods[r]} & {*topology.tuned})
 
 
@@ -87,7 +87,7 @@ def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     An ``InvalidInput`` for masses that are no floors one above the other.
     """
     beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
-    for rod in _joined(topology.n_masses, topology.rods)[1]:
+    for rod in joined_ends(topology.n_masses, topology.rods)[1]:
         i, j = topology.rods[rod]
         beside[i].append((j, rod))
         beside[j].append((i, rod))
@@ -137,7 +137,7 @@ class LinkGroup(NamedTuple):
 @cache
 def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
     """The groups of links, in the order of their first links."""
-    member = joined_ends(topology.n_masses, filter(is_storey, topology.links))
+    member, _ = joined_ends(topology.n_masses, filter(is_storey, topology.links))
     joined: dict[int, list[int]] = {}
     opposite, groups = faces(topology), []
     for k, ends in enumerate(topology.links):
@@ -165,18 +165,17 @@ def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
 def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
     """Groups of masses that are connected by rods: the buildings of a system."""
     members: dict[int, list[int]] = {}
-    for mass, first in joined_ends(topology.n_masses, filter(is_storey, topology.rods)).items():
+    member, _ = joined_ends(topology.n_masses, filter(is_storey, topology.rods))
+    for mass, first in member.items():
         members.setdefault(first, []).append(mass)
     return [tuple(masses) for first, masses in members.items() if first != GROUND]
 
 
-def joined_ends(n: int, edges: Iterable[Ends]) -> dict[int, int]:
-    """The smallest member of the group of each mass, and of the ground, that edges make."""
-    return _joined(n, edges)[0]
+def joined_ends(n: int, edges: Iterable[Ends]) -> tuple[dict[int, int], list[int]]:
+    """The smallest member of the group of each mass, and of the ground, that edges make.
 
-
-def _joined(n: int, edges: Iterable[Ends]) -> tuple[dict[int, int], list[int]]:
-    """``joined_ends``, and the edges, by number, that close no ring with those before them."""
+    And the edges, by number, that close no ring with those before them.
+    """
     group, tree = {end: end for end in range(GROUND, n)}, list[int]()
     for k, (i, j) in enumerate(edges):
         low, high = sorted((group[i], group[j]))

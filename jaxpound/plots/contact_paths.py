@@ -118,18 +118,9 @@ def _flows(
     none: Any = np.zeros(gaps.size)  # not 0 times the gaps, which may be infinite
     contact = Contact(*(none,) * len(Contact._fields))
     for m in np.flatnonzero(np.maximum(met[1:], met[:-1])).tolist():
-        inputs = FlowInput(
-            closing=closing[m],
-            velocity=velocity[m],
-            pull=(pull[m] + pull[m + 1]) / 2,
-            rise=pull[m + 1] - pull[m],
-            delassus=group.delassus,
-            friction=group.frictions,
-            gap=gaps,
-            laws=group.laws,
-            resistances=group.resistances,
-            contact=contact._replace(mode=modes[m]),
-        )
+        pulls = (pull[m] + pull[m + 1]) / 2, pull[m + 1] - pull[m]
+        contact = contact._replace(mode=modes[m])
+        inputs = group.flow_input((closing[m], velocity[m], *pulls), contact)
         advance = partial(_advance, faces, float(time[1] - time[0]), inputs)
         x, unfinished, _ = advance(None)
         substeps = []

@@ -85,10 +85,6 @@ class Mixture(NamedTuple):
         guard = 0.5 * along * (1 - self.wide**-2) - len(self.basis) * np.log(self.wide)
         return np.logaddexp(np.log1p(-_GUARD) + around, np.log(_GUARD) + guard), guard - around
 
-    def thin(self, z: Float[np.ndarray, "n d"]) -> np.ndarray:
-        """Where the density around the design points is thin, shape (n,)."""
-        return self.log_ratios(z)[1] > -np.log(_SPARSE)
-
 
 class Samples(NamedTuple):
     """Samples of a limit state, with weights φ/q."""
@@ -287,7 +283,8 @@ class DesignPointSearch:
         samples = self._samples(mixture, self._most - self.runs)
         method = f"importance sampling around {len(near)} design points"
         method += ", one an instant" if state.series else ""
-        thin = samples.parts[mixture.thin(samples.points)].sum() / max(samples.parts.sum(), 1e-300)
+        is_thin = mixture.log_ratios(samples.points)[1] > -np.log(_SPARSE)
+        thin = samples.parts[is_thin].sum() / max(samples.parts.sum(), 1e-300)
         event = self._event(method, samples, thin=float(thin), **design_points)
         signs = (*doubts, *self._unsure(event), *signs_of_missed_failures(event, near))
         return dataclasses.replace(event, warnings=signs)

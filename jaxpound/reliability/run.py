@@ -46,19 +46,17 @@ def rare_event(
 ) -> RareEvent:
     """Probability that random scenarios reach a limit state, however small it is.
 
-    Discrete numbers, and fewer than 30, are left to subset simulation. Else 256 plain runs come
-    first, and more where the event is frequent. Then gradients lead to the likeliest ground motions
-    that reach the limit state, one for each of many instants of the run. Stronger random motions
-    check that none are missing; in doubt subset simulation follows. Last, samples are drawn around
-    all of these motions. For a probability of 1e-6 that takes some 2,000 runs, a third of them with
-    gradients, where plain Monte Carlo takes 1e8. Warns (``PlausibilityWarning``) if contact is run
-    in single precision.
+    By design points, 256 plain runs come first, and more where the event is frequent, in more than
+    some 4 % of all runs. Then gradients lead to the likeliest ground motions that reach the limit
+    state, one for each of many instants of the run. Failures to which no gradient leads are sought
+    among 256 or 512 stronger random motions. Last, samples are drawn around all of these motions.
+    For a probability of 1e-6 that takes some 2,000 runs, a third with gradients, where plain Monte
+    Carlo takes 1e8. Warns (``PlausibilityWarning``) if contact is run in single precision.
 
     Parameters
     ----------
     scenarios
-        Structures and ground motion as functions of standard normal numbers; where these are not
-        smooth, "auto" takes subset simulation.
+        Structures and ground motion as functions of standard normal numbers.
     grid, scheme
         See ``simulate``.
     gap
@@ -108,9 +106,7 @@ def rare_event(
     or an acceleration where blocks may meet) on the ways to design points of overlaps, in some
     1,000 runs more, and other demands of the whole run, from 32 to 512 random starts (Good 1953).
     Samples come from normal densities around those nearest to the origin, as Au and Beck (2001)
-    draw them for linear structures, so that the estimate is unbiased with friction too. Failures to
-    which no gradient leads are sought among 256 or 512 stronger random motions. Where a demand is
-    reached in more than some 4 % of all runs, plain Monte Carlo takes over.
+    draw them for linear structures, so that the estimate is unbiased with friction too.
 
     Examples
     --------
@@ -125,8 +121,7 @@ def rare_event(
     >>> bool(jp.demand(earthquake.structures, earthquake.ground, grid).min_gap < 1 - 0.399)
     True
     """
-    programs = programs_of(OWNER, start)
-    state = state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold, programs)
+    state = state_from(OWNER, start, scenarios, grid, gap, scheme, demand, threshold)
     return event_of(state, cov, method, key, start, max_runs, store, progress)
 
 
@@ -170,12 +165,12 @@ def event_of(
     return dataclasses.replace(event, runs=event.runs + runs, gradients=gradients)
 
 
-def programs_of(owner: str, start: RareEvent | None) -> Any:
-    """Compiled programs of the event from which a search starts, if there is one."""
-    if start is None:
-        return None
-    instance(owner, "start", start, RareEvent)
-    return start.limit_state.programs
+def state_from(owner: str, start: RareEvent | None, *arguments: Any) -> LimitState:
+    """``state_of``, by the compiled programs of the event from which a search starts, if any."""
+    if start is not None:
+        instance(owner, "start", start, RareEvent)
+        arguments = (*arguments, start.limit_state.programs)
+    return state_of(owner, *arguments)
 
 
 def choice(state: LimitState, method: str) -> tuple[bool, str]:

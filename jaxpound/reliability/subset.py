@@ -1,13 +1,10 @@
 """Subset simulation: a rare event reached through a chain of likelier ones, without derivatives.
 
-The event value(z) ≥ 0 is reached through levels value(z) > v, each of which holds a share p0 of the
-samples of the level before (Au and Beck 2001). Chains start from that share: adaptive conditional
-sampling (Papaioannou, Betz, Zwirglmaier and Straub 2015) moves every number of z by a normal step
-that preserves the normal distribution, and accepts moves that stay in the level.
-
-Each v is the value of a sample, and the samples strictly above it are the seeds of the next level:
-the product of the shares is then unbiased, also with equal values (Bréhier, Gazeau, Goudenège,
-Lelièvre and Rousset 2016).
+Chains in a level, value(z) > v, start from the samples of the level before that lie in it: adaptive
+conditional sampling (Papaioannou, Betz, Zwirglmaier and Straub 2015) moves every number of z by a
+normal step that preserves the normal distribution, and accepts moves that stay in the level. Each v
+is the value of a sample, and the samples strictly above it are the seeds: the product of the shares
+is then unbiased, also with equal values (Bréhier, Gazeau, Goudenège, Lelièvre and Rousset 2016).
 """
 
 from __future__ import annotations

@@ -16,9 +16,8 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, interval, name, put, require_paths
 from jaxpound.model.system import Structures
-from jaxpound.reliability.limit_state import state_of
 from jaxpound.reliability.result import RareEvent, Slope
-from jaxpound.reliability.run import event_of, programs_of, require_smooth
+from jaxpound.reliability.run import event_of, require_smooth, state_from
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.scenarios import ScenarioSet
 from jaxpound.simulation.scheme import Scheme
@@ -129,8 +128,7 @@ def reach_probability(
     """
     require_share(OWNER, "probability", probability)
     require_share(OWNER, "tolerance", tolerance)
-    programs = programs_of(OWNER, start)
-    first = state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold, programs)
+    first = state_from(OWNER, start, scenarios, grid, gap, scheme, demand, threshold)
     require_smooth(OWNER, first, WITHOUT_JUMPS)
     nominal = first.programs.nominal
     require_paths(OWNER, nominal, [path])

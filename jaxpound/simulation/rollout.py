@@ -129,9 +129,10 @@ class Rollout(NamedTuple):
         zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
         if any(link.contact or link.velocity_friction for link in system.links):
             zero = _differentiated_with(zero, (structures, ground, extra, initial))
-        displaced = velocities = None
+        displaced = velocities = stretched = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
+            stretched = tuple(elongation(ends, displaced) for ends in system.topology.rods)
         constants = step_constants(system, dt, scheme.order, slots)
         start = start_state(system, constants, zero, dt, displaced, velocities)
         excitation = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
@@ -139,11 +140,7 @@ class Rollout(NamedTuple):
         first = jax.tree.map(lambda x: x[0], excitation.series)
         first_acceleration = excitation.at(jnp.zeros((), dtype), first)[1]
         before = (dt * first_acceleration * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
-        initial_elongations = None
-        if displaced is not None:
-            rods = constants.topology.rods
-            initial_elongations = tuple(elongation(ends, displaced) for ends in rods)
-        starting = RunStart(before, initial_elongations)
+        starting = RunStart(before, stretched)
 
         def advance(
             state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any, with_flows: bool

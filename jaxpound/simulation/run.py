@@ -254,8 +254,7 @@ def _run(
     start = Tally.start(run.constants, system, zero, temperature is not None, closings)
     (state, tally), kept = run.observed(observe, start, segmented=keep)
     ends = tuple(None if link.contact is None else link.contact.contact for link in state.links)
-    set_valued = scheme.friction.set_valued
-    scalars = tally.demand(run.constants, system, state, set_valued, temperature)
+    scalars = tally.demand(run.constants, system, state, scheme.friction.set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
     # leave finite derivatives.
     closings = [link.closing for link in state.links]
@@ -264,14 +263,10 @@ def _run(
     return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, ends)))
 
 
-Classes = tuple[type, ...]
-"""``node_classes`` of a case."""
-
-
 @partial(jax.jit, static_argnames=("classes", "grid", "scheme", "only"))
 def _demand(
     case: Case,
-    classes: Classes,
+    classes: tuple[type, ...],  # ``node_classes`` of the case
     grid: TimeGrid,
     scheme: Scheme,
     temperature: ArrayLike | None,
@@ -286,7 +281,7 @@ def _demand(
 
 @partial(jax.jit, static_argnames=("classes", "grid", "scheme", "balanced"))
 def _simulate(
-    case: Case, classes: Classes, grid: TimeGrid, scheme: Scheme, balanced: bool
+    case: Case, classes: tuple[type, ...], grid: TimeGrid, scheme: Scheme, balanced: bool
 ) -> tuple[Response, jax.Array | None]:
     """The response and, if ``balanced``, the share of its energy that the balance leaves."""
 

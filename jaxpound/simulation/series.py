@@ -107,12 +107,12 @@ def _link_response(
     """The series of a link, from the impacts that ended in each step and the last instant."""
     fast = link.velocity_friction
     slip_force = link.friction if fast is None else link.friction + fast.increase
-    entries = dict(series, slip_force=slip_force + 0 * last, velocity_friction=fast)
+    entries = dict(series, slip_force=slip_force + 0 * last, velocity_friction=fast, ends=link.ends)
     if link.inerter is not None:
         entries["inertance"] = link.inerter.inertance + 0 * last
-    gap = link.gap - entries.pop("closing")
+    entries["gap"] = link.gap - entries.pop("closing")
     if ended is None or end is None:
-        return LinkResponse(gap=gap, **entries, ends=link.ends)
+        return LinkResponse(**entries)
     slid = entries.pop("slid")
     passed = Impacts(*[jnp.stack(slots, -1).ravel() for slots in ended])
     never, acts = jnp.nan * last, is_deformed(end.mode) & (end.counts > 0)
@@ -124,7 +124,7 @@ def _link_response(
         impulse=end.impulse,
         peak_force=end.peak_force,
     )
-    impacts = jax.tree.map(lambda x, y: jnp.append(x, y), passed, unfinished)
+    impacts = jax.tree.map(jnp.append, passed, unfinished)
     if isinstance(link.contact, Newton):
         impacts = impacts._replace(peak_force=jnp.full_like(impacts.peak_force, jnp.inf))
     is_impact = impacts.approach_velocity > 0
@@ -132,10 +132,8 @@ def _link_response(
     kept = jax.tree.map(lambda x: jnp.append(x, jnp.nan)[numbers], impacts)
     fields = kept._asdict()
     return LinkResponse(
-        gap=gap,
         friction_work=None if link.velocity_friction else link.friction * slid,
         impacts=ImpactSeries(fields.pop("touch_time"), fields.pop("end_time"), **fields),
         law=None if isinstance(link.contact, Newton) else link.contact,
         **entries,
-        ends=link.ends,
     )

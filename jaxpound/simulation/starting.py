@@ -78,10 +78,6 @@ class RunStart(NamedTuple):
         by_rod = zip(forces, rods, self.initial, strict=True)
         return tuple(force + law.modulus * rest for force, law, rest in by_rod)
 
-    def starts_now(self, is_first: jax.Array) -> jax.Array | None:
-        """Whether the run starts displaced or moving in a step; None if it starts at rest."""
-        return None if self.at_rest else is_first
-
     def rise(self, pull: jax.Array, last: jax.Array, is_first: jax.Array, on_ground: bool) -> Any:
         """The growth of a pull since the step before: none where the run starts under a load."""
         under_load = on_ground or not self.at_rest

@@ -150,7 +150,7 @@ class _Step(NamedTuple):
 
     def yielding(self, elongations: Sequence[jax.Array]) -> list[HysteresisStep | None]:
         """The rods at t_m, if they yield, with their elongations."""
-        starts = self.starting.starts_now(self.is_first)
+        starts = None if self.starting.at_rest else self.is_first
         rods = zip(self.system.hysteresis, self.before.yielding, elongations, strict=True)
         those = {r: rod for r, rod in enumerate(rods) if rod[0] is not None}
         function = partial(hysteresis_step, is_first=starts)

@@ -3,10 +3,9 @@
 Each file is written whole under another name and then moved, never edited, so that independent
 processes can fill one store at once without a lock: the first manifest stays, a study's full chunk
 has the same numbers from every process (but for the last digits, which change with the number of
-cores), and an empty file ``samples-N`` requests N samples (the
-largest N counts). A ``RunLog`` is for one process: of two, each would replace runs of the other,
-which are then only run again. The name
-of a last chunk with fewer samples states their number; a larger study removes it once it has
+cores), and an empty file ``samples-N`` requests N samples (the largest N counts). A ``RunLog`` is
+for one process: of two, each would replace runs of the other, which are then only run again. The
+name of a last chunk with fewer samples states their number; a larger study removes it once it has
 written the full chunk. Damaged chunks are computed again and replaced.
 """
 
@@ -87,7 +86,10 @@ class Store:
                     raise ValueError(f"store {folder}: {MANIFEST} {rule}")
                 archive.replace_file(folder / MANIFEST, lambda f: f.write(sealed), True)
         store = Store(folder, n)
-        if differences := sorted(_differences(store.manifest["identity"], identity), key=_is_cut):
+        # Last those whose lists or texts are cut, so that they may not show what differs.
+        differences = [*_differences(store.manifest["identity"], identity)]
+        differences.sort(key=lambda difference: "..." in difference)
+        if differences:
             shown = "; ".join(differences[:6]) + ("; ..." if len(differences) > 6 else "")
             raise ValueError(f"store {folder} holds another study: {shown}")
         if n > store.requested():
@@ -277,11 +279,6 @@ def _differences(stored: Any, current: Any, path: str = "") -> Iterator[str]:
         yield f"{path} is {_short(stored)} there and {_short(current)} here"
 
 
-def _is_cut(difference: str) -> bool:
-    """Whether lists or texts in a difference are cut, so that it may not show what differs."""
-    return "..." in difference
-
-
 def _short(value: Any) -> str:
     return "absent" if value is None else reprlib.repr(value)
 
@@ -353,11 +350,9 @@ class RunLog:
         damaged = [chunk for chunk in reversed(stored) if chunk not in chunks]  # are replaced first
         self._numbers = itertools.chain(damaged, itertools.count(max(stored, default=-1) + 1))
         parts = [dict.fromkeys(store.columns, np.empty(0, self._type)), *chunks.values()]
-        used = [~np.isnan(part[store.columns[0]]) for part in parts]
-        self.rows = {
-            name: np.concatenate([part[name][rows] for part, rows in zip(parts, used, strict=True)])
-            for name in store.columns
-        }  # of all earlier runs, by column
+        rows = {name: np.concatenate([part[name] for part in parts]) for name in store.columns}
+        used = ~np.isnan(rows[store.columns[0]])
+        self.rows = {name: column[used] for name, column in rows.items()}  # of all earlier runs
 
     def add(self, rows: Mapping[str, np.ndarray]) -> None:
         """Store rows, by column; NaN in the first column marks an unused row."""

@@ -159,7 +159,7 @@ def counted(monkeypatch):
 
     counting.most = None
     monkeypatch.setattr(suite_runs, "in_chunks", counting)
-    monkeypatch.setattr(suite_runs, "_part", lambda: 8)
+    monkeypatch.setattr(suite_runs, "runs_at_a_time", lambda: 32)
     return counting, sizes
 
 

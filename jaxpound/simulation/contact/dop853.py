@@ -1,80 +1,43 @@
 """Dormand and Prince's explicit Runge–Kutta method of order 8, DOP853.
 
-Coefficients as in Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993),
-with their estimate of the error by embedded methods of order 5 and 3, and their interpolation of
-order 7 between the ends of a step, for which there are four more stages.
+Coefficients as in Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), and
+as SciPy has them, with their estimate of the error by embedded methods of order 5 and 3, and their
+interpolation of order 7 between the ends of a step, for which there are four more stages.
 """
 
 from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-# fmt: off
-_ROWS: tuple[tuple[float, ...], ...] = (
-    (0.05260015195876773,),
-    (0.0197250569845379, 0.0591751709536137),
-    (0.02958758547680685, 0, 0.08876275643042054),
-    (0.2413651341592667, 0, -0.8845494793282861, 0.924834003261792),
-    (0.037037037037037035, 0, 0, 0.17082860872947386, 0.12546768756682242),
-    (0.037109375, 0, 0, 0.17025221101954405, 0.06021653898045596, -0.017578125),
-    (0.03709200011850479, 0, 0, 0.17038392571223998, 0.10726203044637328, -0.015319437748624402,
-     0.008273789163814023),
-    (0.6241109587160757, 0, 0, -3.3608926294469414, -0.868219346841726, 27.59209969944671,
-     20.154067550477894, -43.48988418106996),
-    (0.47766253643826434, 0, 0, -2.4881146199716677, -0.590290826836843, 21.230051448181193,
-     15.279233632882423, -33.28821096898486, -0.020331201708508627),
-    (-0.9371424300859873, 0, 0, 5.186372428844064, 1.0914373489967295, -8.149787010746927,
-     -18.52006565999696, 22.739487099350505, 2.4936055526796523, -3.0467644718982196),
-    (2.273310147516538, 0, 0, -10.53449546673725, -2.0008720582248625, -17.9589318631188,
-     27.94888452941996, -2.8589982771350235, -8.87285693353063, 12.360567175794303,
-     0.6433927460157636),
-    (0.054293734116568765, 0, 0, 0, 0, 4.450312892752409, 1.8915178993145003, -5.801203960010585,
-     0.3111643669578199, -0.1521609496625161, 0.20136540080403034, 0.04471061572777259),
-    (0.056167502283047954, 0, 0, 0, 0, 0, 0.25350021021662483, -0.2462390374708025,
-     -0.12419142326381637, 0.15329179827876568, 0.00820105229563469, 0.007567897660545699,
-     -0.008298),
-    (0.03183464816350214, 0, 0, 0, 0, 0.028300909672366776, 0.053541988307438566,
-     -0.05492374857139099, 0, 0, -0.00010834732869724932, 0.0003825710908356584,
-     -0.00034046500868740456, 0.1413124436746325),
-    (-0.42889630158379194, 0, 0, 0, 0, -4.697621415361164, 7.683421196062599, 4.06898981839711,
-     0.3567271874552811, 0, 0, 0, -0.0013990241651590145, 2.9475147891527724, -9.15095847217987),
-)
-_ORDER_5 = (
-    0.01312004499419488, 0, 0, 0, 0, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864,
-    -0.35032884874997366, 0.3341791187130175, 0.08192320648511571, -0.022355307863886294,
-    0, 0, 0, 0,
-)
-_BETWEEN = (
-    (-8.428938276109013, 0, 0, 0, 0, 0.5667149535193777, -3.0689499459498917, 2.38466765651207,
-     2.117034582445028, -0.871391583777973, 2.2404374302607883, 0.6315787787694688,
-     -0.08899033645133331, 18.148505520854727, -9.194632392478356, -4.436036387594894),
-    (10.427508642579134, 0, 0, 0, 0, 242.28349177525817, 165.20045171727028, -374.5467547226902,
-     -22.113666853125306, 7.733432668472264, -30.674084731089398, -9.332130526430229,
-     15.697238121770845, -31.139403219565178, -9.35292435884448, 35.81684148639408),
-    (19.985053242002433, 0, 0, 0, 0, -387.0373087493518, -189.17813819516758, 527.8081592054236,
-     -11.57390253995963, 6.8812326946963, -1.0006050966910838, 0.7777137798053443,
-     -2.778205752353508, -60.19669523126412, 84.32040550667716, 11.99229113618279),
-    (-25.69393346270375, 0, 0, 0, 0, -154.18974869023643, -231.5293791760455, 357.6391179106141,
-     93.40532418362432, -37.45832313645163, 104.0996495089623, 29.8402934266605,
-     -43.53345659001114, 96.32455395918828, -39.17726167561544, -149.72683625798564),
-)
-# fmt: on
-
-STAGES = np.array([[0.0] * 16, *([*row, *[0.0] * (16 - len(row))] for row in _ROWS)])
-"""Weights of the slopes before it in each stage."""
-
-END = STAGES[12]
-"""Weights of the slopes in the result; the thirteenth stage is there."""
-
 _THIRD = {0: 0.2440944881889764, 8: 0.7338466882816119, 11: 0.022058823529411766}
-_ORDER_3 = END - [_THIRD.get(i, 0.0) for i in range(16)]
-"""Weights of the errors that the embedded methods estimate, by stage."""
+"""Weights of the slopes, by stage, in the result of the embedded method of order 3."""
 
-_FIRST, _LAST = np.eye(16)[0], np.eye(16)[12]
-_INTERPOLATION = np.array([END, _FIRST - END, 2 * END - _FIRST - _LAST, *_BETWEEN])
-"""Weights by stage of the products θ, θ (1 − θ), θ² (1 − θ), … that interpolate."""
+
+class Coefficients(NamedTuple):
+    """Weights of the slopes of all 16 stages, along the last axis."""
+
+    stages: np.ndarray  # in each stage, of the slopes before it
+    end: np.ndarray  # in the result; the thirteenth stage is there
+    errors: np.ndarray  # in the errors that the embedded methods of order 5 and 3 estimate
+    interpolation: np.ndarray  # in the products θ, θ (1 − θ), θ² (1 − θ), … that interpolate
+
+
+@cache
+def coefficients() -> Coefficients:
+    """The coefficients of the method."""
+    from scipy.integrate import DOP853  # its import takes a quarter of a second
+
+    stages = np.zeros((16, 16))
+    stages[:12, :12], stages[12, :12], stages[13:] = DOP853.A, DOP853.B, DOP853.A_EXTRA
+    first, last, end = *np.eye(16)[[0, 12]], stages[12]
+    errors = np.array([np.pad(DOP853.E5, (0, 3)), end - [_THIRD.get(i, 0.0) for i in range(16)]])
+    between = np.array([end, first - end, 2 * end - first - last, *DOP853.D])
+    return Coefficients(stages, end, errors, between)
 
 
 def weighted(weights: jax.Array, slopes: jax.Array) -> jax.Array:
@@ -85,14 +48,15 @@ def weighted(weights: jax.Array, slopes: jax.Array) -> jax.Array:
 def until(share: jax.Array) -> jax.Array:
     """Weights, (16,), of the slopes for where a step is after a ``share`` of its length."""
     products = [share]
-    for i in range(len(_INTERPOLATION) - 1):
+    rows = coefficients().interpolation
+    for i in range(len(rows) - 1):
         products.append(products[-1] * (share if i % 2 else 1 - share))
-    return weighted(jnp.stack(products), jnp.asarray(_INTERPOLATION, share.dtype))
+    return weighted(jnp.stack(products), jnp.asarray(rows, share.dtype))
 
 
 def error(slopes: jax.Array) -> jax.Array:
     """Estimated error of a step of length 1, from the slopes of all stages."""
-    orders = (_ORDER_5, _ORDER_3)
+    orders = coefficients().errors
     fifth, third = (weighted(jnp.asarray(row, slopes.dtype), slopes) for row in orders)
     both = fifth**2 + 0.01 * third**2
     return fifth**2 / jnp.sqrt(jnp.where(both > 0, both, 1.0))

@@ -57,6 +57,11 @@ class Coupling(NamedTuple):
         """Whether a link has friction that grows with the velocity, which needs every flow."""
         return any(law is not None for law in self.resistances)
 
+    def flow_input(self, motion: tuple[Any, ...], contact: Contact) -> FlowInput:
+        """The input of a flow from closings, velocities, pulls and their rise."""
+        fields: Any = *motion, *self, contact
+        return FlowInput(*fields)
+
     def response(
         self, held: jax.Array, pull: jax.Array, prescribed: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
@@ -266,18 +271,8 @@ def is_flow_needed(group: Coupling, before: GroupStep) -> jax.Array:
 def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]:
     """The local flow of a group where it is needed, and whether its result is used."""
     state, h, needed = before.state, before.dt, is_flow_needed(group, before)
-    inputs = FlowInput(
-        closing=state.closing_before,
-        velocity=before.velocity,
-        pull=before.pull,
-        rise=before.rise,
-        delassus=group.delassus,
-        friction=group.frictions,
-        gap=group.gaps,
-        laws=group.laws,
-        resistances=group.resistances,
-        contact=state.contact,
-    )
+    motion = state.closing_before, before.velocity, before.pull, before.rise
+    inputs = group.flow_input(motion, state.contact)
     begin = jnp.where(before.is_first & before.at_rest, h / 2, 0.0).astype(before.velocity.dtype)
     clock = records.Clock(before.time, begin, before.is_last)
     result = flow(h, before.slots, needed, inputs, clock, before.faces)

@@ -24,7 +24,7 @@ from jax import lax
 
 from jaxpound._extrema import larger, smaller
 from jaxpound.simulation.contact import events, records
-from jaxpound.simulation.contact.dop853 import END, STAGES, error, weighted
+from jaxpound.simulation.contact.dop853 import coefficients, error, weighted
 from jaxpound.simulation.contact.events import FlowState, Occurrence, Place, SmoothState, Snapshot
 from jaxpound.simulation.contact.forces import Forces, LinkLaws, Regime, times
 from jaxpound.simulation.contact.records import PRESSED, FlowInput, FlowResult, MidStep, StepLog
@@ -233,12 +233,12 @@ class LocalFlow:
             rates = self._rates(motion, self._forces(motion, regime, inverse))
             return slopes.at[i].set(rates), None
 
-        stages = jnp.asarray(STAGES, self.dtype)
+        stages = jnp.asarray(coefficients().stages, self.dtype)
         slopes = jnp.broadcast_to(0 * y[0], (len(stages), *y.shape))
         slopes, _ = lax.scan(stage, slopes, (jnp.arange(len(stages)), stages))
 
         still, speed, a = lax.stop_gradient((slopes, y[2], begin.acceleration))
-        end = speed + length * weighted(jnp.asarray(END, self.dtype), still[:, 2])
+        end = speed + length * weighted(jnp.asarray(coefficients().end, self.dtype), still[:, 2])
         speeds = larger(jnp.abs(speed), jnp.abs(end)) + length * jnp.abs(a)
         speeds += jnp.where(regime.mode == PRESSED, lax.stop_gradient(regime.touch_speed), 0.0)
         speeds += jnp.finfo(self.dtype).tiny ** 0.5
