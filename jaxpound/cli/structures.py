@@ -18,7 +18,7 @@ from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, re
 from jaxpound.model.plausibility import doubts, too_wide
 from jaxpound.model.system import Structures
 from jaxpound.scenarios.ground_draw import GroundDraw
-from jaxpound.simulation.buildings import natural_periods, time_grid, time_step
+from jaxpound.simulation.buildings import chosen_step, time_grid
 from jaxpound.simulation.scheme import require_local_flow, require_stable
 
 _OF_PAIR = {
@@ -118,14 +118,14 @@ class Shaken(Structured, kw_only=True):
         with named(place):
             ground = table.motion(records, scales)
         run, shapes = f"{file.name}: [run]", table.shapes([*records, *recorded])
-        limit = jp.stability_limit(self.structures, self.scheme) * float(scales.time)
-        shortest = min((float(record.dt) for record in shapes), default=float("inf"))
-        dt = self.run.dt or time_step(natural_periods(self.structures, scales), limit, shortest)
-        require_stable(self.structures, self.scheme, dt, run, scales.time)
         longest = max((float(record.duration) for record in shapes), default=None)
         duration = self.run.duration or longest
         if duration is None:
             raise ValueError(f"{run} lacks the key 'duration'")
+        system = self.structures, scales, self.scheme
+        shortest = min((float(record.dt) for record in shapes), default=float("inf"))
+        dt = self.run.dt or chosen_step(*system, duration, shortest)
+        require_stable(self.structures, self.scheme, dt, run, scales.time)
         grid = time_grid(run, scales, duration, dt)
         if table.arrivals:
             within = Range(0.0, duration, "s", "the run, so that every wavelet shakes")
