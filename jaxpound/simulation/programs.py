@@ -42,7 +42,7 @@ _MAKES_LOOP_KERNELS = (0, 12)
 
 _PHASES = ("jaxpr_trace", "jaxpr_to_mlir_module", "backend_compile")
 _EVENTS = frozenset(f"/jax/core/compile/{phase}_duration" for phase in _PHASES)  # of JAX
-_PAUSE = 0.1  # s, below which a phase goes on with the same wait
+_PAUSE = 0.5  # s, below which a phase goes on with the same wait
 
 
 def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:

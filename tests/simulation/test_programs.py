@@ -190,7 +190,7 @@ def test_the_command_line_goes_on_without_a_folder_that_it_refuses(tmp_path, mon
     assert os.environ["TF_CPP_MIN_LOG_LEVEL"] == "3"  # no alarm of XLA's at a long compilation
 
 
-def test_a_wait_is_noted_once_over_its_phases_and_a_short_one_is_not(monkeypatch, caplog):
+def test_a_wait_is_noted_once_over_its_phases_and_a_short_one_is_not(monkeypatch, caplog, tmp_path):
     def notes():
         return [text for name, _, text in caplog.record_tuples if name == "jaxpound"]
 
@@ -203,6 +203,7 @@ def test_a_wait_is_noted_once_over_its_phases_and_a_short_one_is_not(monkeypatch
             jax.monitoring.record_event_duration_secs(event, part)
 
     monkeypatch.setattr(programs, "AFTER", 0.2)
+    monkeypatch.setattr(programs, "_PAUSE", 0.1)
     programs.note_long_compilations()
     time.sleep(0.15)
     phase("jaxpr_trace", 0.01)
@@ -221,7 +222,7 @@ def test_a_wait_is_noted_once_over_its_phases_and_a_short_one_is_not(monkeypatch
     time.sleep(0.15)
     caplog.clear()
     monkeypatch.setattr(programs, "AFTER", 0.01)
-    jax.config.update("jax_compilation_cache_dir", "kept")
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
     slow(x)
     (line,) = notes()  # of JAX's own events
     assert line.endswith("so far; later runs of the same kind and time grid reuse it")
