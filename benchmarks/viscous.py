@@ -1,4 +1,4 @@
-"""Springs and dashpots by rods of order 1, and what their tau_f changes: python benchmarks/viscous.py.
+"""Springs and dashpots by rods of order 1, and what tau_f changes: python -m benchmarks.viscous.
 
 Uniform buildings with 5 % damping in the first mode under El Centro, scaled to a PGA of 0.35 g,
 against the exact solution of Kelvin and Voigt's storeys, whose damping is proportional to their
