@@ -48,9 +48,6 @@ smartquotes_action = "D"  # dashes only: x1'' is a second derivative
 
 # Committed outputs are shown as they are: a notebook may take minutes and need a network.
 nb_execution_mode = "off"
-# Sliders live in a running notebook only: their picture is shown, and no script is loaded for them.
-nb_mime_priority_overrides = [("*", "application/vnd.jupyter.widget-view+json", None)]
-nb_ipywidgets_js: dict[str, dict[str, str]] = {}
 myst_enable_extensions = ["amsmath", "dollarmath", "html_image"]
 myst_heading_anchors = 3
 

@@ -5,6 +5,10 @@ whose code contains these words (``NOTEBOOK 2`` is the second below it). ``pictu
 the script beside this file; in the place of the code is then the picture, such as ``chaos.png``,
 which the function of the same name draws. ``notebook-list`` has a line ``NOTEBOOK | code`` for each
 notebook; what it says of a notebook is the notebook's own title and purpose.
+
+``python docs/from_notebooks.py`` takes live sliders out of the notebooks that have just been run:
+an exported page, which cannot run them, leaves their place blank, and shows the picture beside them
+once they are gone.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ PAGES = {  # what a file at the repository's top is among the pages
     ROOT / "CONTRIBUTING.md": HERE / "contributing.md",
 }
 SCRIPT = "pictures.py"
+SLIDERS = "application/vnd.jupyter.widget-view+json"
 _LINK = re.compile(r"(\]\(\s*<?|\bsrc=\")(?![a-zA-Z][\w+.-]*:|[#/])([^)\s>\"#]+)")
 
 
@@ -185,9 +190,24 @@ def slug(heading: str) -> str:
     return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
 
 
+def still(notebook: Any) -> Any:
+    """The notebook without live sliders; a picture stands for each of them."""
+    notebook.metadata.pop("widgets", None)
+    for cell in notebook.cells:
+        for output in cell.get("outputs", []):
+            if output.get("data", {}).pop(SLIDERS, None) and "image/png" not in output.data:
+                raise ValueError(f"{cell.source!r} must have a picture beside its sliders")
+    return notebook
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Add the above to Sphinx."""
     app.connect("builder-inited", bring, priority=1)
     app.add_directive("gallery", Gallery)
     app.add_directive("notebook-list", NotebookList)
     return {"parallel_read_safe": True}
+
+
+if __name__ == "__main__":
+    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
+        nbformat.write(still(nbformat.read(path, as_version=4)), path)

@@ -20,7 +20,7 @@ from jaxpound.cli.design_report import changes, parts_of_page, summary
 from jaxpound.cli.files import kept_search, write_files, write_report
 from jaxpound.cli.parameters import Parameters, VariableBounds, design_space
 from jaxpound.cli.reading import Count, File, Range, Section, Seed, between, named, refused, says
-from jaxpound.cli.structures import Shaken, compile_notice
+from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import OF_DEMANDS, Files, Gap, OfClass, read_records
 from jaxpound.reliability.result import RAREST
 from jaxpound.results import named as demands
@@ -122,16 +122,15 @@ def run(args: argparse.Namespace) -> None:
     inputs = file.text.encode(), *(path.read_bytes() for path in args.record)
     shaken = task.ensemble, task.grid, config.scheme
     with kept_search(args, "save", "search.npz", *inputs):
-        with compile_notice(config.structures):
-            design = jp.design_damper(
-                *(task.space, *shaken, task.objective),
-                scales=config.scales,
-                fresh=config.search.fresh or None,
-                save=args.save,
-                strict=args.strict,
-                progress=sys.stderr.isatty(),
-                **config.search.options(),
-            )
+        design = jp.design_damper(
+            *(task.space, *shaken, task.objective),
+            scales=config.scales,
+            fresh=config.search.fresh or None,
+            save=args.save,
+            strict=args.strict,
+            progress=sys.stderr.isatty(),
+            **config.search.options(),
+        )
         recorded = {name: design.compare(single) for name, single in task.recorded.items()}
         answers = summary(design, recorded, task.parameters)
         print(changes("quantity", answers["answer"]).text())

@@ -13,7 +13,7 @@ import jaxpound as jp
 from jaxpound._errors import InvalidInput
 from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sentence, write_report
 from jaxpound.cli.reading import Count, File, Range, Section, between, named, refused, says
-from jaxpound.cli.structures import Structured, compile_notice
+from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import require_threshold
 from jaxpound.hazard.suite_runs import demand_in_words
 from jaxpound.simulation.buildings import natural_periods, record_grid
@@ -150,7 +150,7 @@ def analysed(
     longest = config.run.duration or max(float(record.duration) for record in suite)
     grid = record_grid(f"{file.name}: [run]", *system, finest, longest, config.run.dt)
     period = ladder.period or max(natural_periods(config.structures, config.scales))
-    with named(f"{file.name}: [ida]"), compile_notice(config.structures):
+    with named(f"{file.name}: [ida]"):
         return jp.incremental_dynamic_analysis(
             config.structures,
             suite,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import logging
 import os
 import re
 import sys
@@ -64,7 +63,6 @@ def _run(args: argparse.Namespace, *, alone: bool) -> None:
     with _short_warnings(strict=getattr(args, "strict", False)):
         if alone:
             jp.keep_programs()
-            logging.getLogger("jaxpound").setLevel(logging.ERROR)  # commands print notices
         import_module(f"jaxpound.cli.{args.command}").run(args)
 
 

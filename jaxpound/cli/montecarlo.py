@@ -14,7 +14,6 @@ import jax
 import jaxpound as jp
 from jaxpound.cli.parameters import Uncertain
 from jaxpound.cli.reading import Count, File, Section, Seed, between, refused
-from jaxpound.cli.structures import compile_notice
 from jaxpound.ground.intensity import spectral_acceleration
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.motion import GroundLike
@@ -59,25 +58,24 @@ def run(args: argparse.Namespace) -> None:
             name = str(Measure.spectral_acceleration(period, SI["time"], SI["acceleration"]))
             of_building = SpectralAcceleration(name, i, float(frequencies[i]), grid, gravity)
             measures[f"spectral_acceleration_{i + 1}"] = of_building
-    with compile_notice(config.structures):
-        study = jp.monte_carlo(
-            scenarios,
-            options.samples if args.samples is None else args.samples,
-            grid,
-            config.scheme,
-            options.seed,
-            sampling=options.sampling,
-            store=args.store,
-            chunk_size=options.chunk_size,
-            measures=measures,
-            keep_parameters=True,
-            keep_failures=options.keep_failures,
-            scales=config.scales,
-            notes={"configuration": file.text},
-            shard=(int(shard[1]), int(shard[2])),
-            strict=args.strict,
-            progress=sys.stderr.isatty(),
-        )
+    study = jp.monte_carlo(
+        scenarios,
+        options.samples if args.samples is None else args.samples,
+        grid,
+        config.scheme,
+        options.seed,
+        sampling=options.sampling,
+        store=args.store,
+        chunk_size=options.chunk_size,
+        measures=measures,
+        keep_parameters=True,
+        keep_failures=options.keep_failures,
+        scales=config.scales,
+        notes={"configuration": file.text},
+        shard=(int(shard[1]), int(shard[2])),
+        strict=args.strict,
+        progress=sys.stderr.isatty(),
+    )
     print(study)
     part = "" if args.shard == "1/1" else f" by shard {args.shard} alone"
     print(f"probability of pounding{part}{study.checked_floors} {study.pounding_probability()}")

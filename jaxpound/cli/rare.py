@@ -19,7 +19,6 @@ from jaxpound._tables import TextTable
 from jaxpound.cli.files import VERSION, csv_text, kept_search, write_report
 from jaxpound.cli.parameters import Parameters, Uncertain, by_path
 from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, named, refused
-from jaxpound.cli.structures import compile_notice
 from jaxpound.cli.tables import Gap, require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.reliability.run import choice, event_of, require_smooth
@@ -137,11 +136,10 @@ def run(args: argparse.Namespace) -> None:
     grounds = grounds_at(state.scenarios, state.grid)(z)
     warn("rare", of_many(grounds, state.grid, in_g=True), args.strict)
     with kept_search(args, "store", "", file.text.encode()):
-        with compile_notice(config.structures):
-            result = searched(file, config, state, args.store)
-            if design is not None:
-                target = reached(file, *design, result, args.store)
-                result = result._replace(target=target)
+        result = searched(file, config, state, args.store)
+        if design is not None:
+            target = reached(file, *design, result, args.store)
+            result = result._replace(target=target)
         report_result(args, file, result)
 
 

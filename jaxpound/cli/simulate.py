@@ -13,7 +13,7 @@ from jaxpound.cli import results
 from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.files import images, json_text, make_folder, write_files
 from jaxpound.cli.reading import File, Section, between, named
-from jaxpound.cli.structures import Structured, compile_notice
+from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import FACTOR_ON_RECORD
 from jaxpound.ground.reader import require_possible
 from jaxpound.quantities import MOST_PGA
@@ -128,7 +128,7 @@ def respond(
     layout, run = configuration.layout, configuration.run
     options: dict[str, Any] = {"duration": run.duration, "dt": run.dt, "strict": strict}
     options["scheme"] = configuration.scheme
-    with named(f"{file.name}:"), compile_notice(configuration.structures):
+    with named(f"{file.name}:"):
         if not layout.is_pair:
             return jp.simulate_row(layout.buildings, layout.si.links, record, **options)
         (left, right), (link,) = layout.buildings, layout.si.links

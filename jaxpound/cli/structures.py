@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from functools import cached_property
-from threading import Timer
 from typing import Any
 
 import jaxpound as jp
@@ -16,9 +13,8 @@ from jaxpound.cli.buildings import BlockSection, BuildingsLayout
 from jaxpound.cli.reading import File, Range, Section, named, refused
 from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, read_records
 from jaxpound.model.plausibility import doubts, too_wide
-from jaxpound.model.system import Structures
 from jaxpound.scenarios.ground_draw import GroundDraw
-from jaxpound.simulation.buildings import natural_periods, time_grid, time_step
+from jaxpound.simulation.buildings import chosen_step, time_grid
 from jaxpound.simulation.scheme import require_local_flow, require_stable
 
 _OF_PAIR = {
@@ -118,38 +114,16 @@ class Shaken(Structured, kw_only=True):
         with named(place):
             ground = table.motion(records, scales)
         run, shapes = f"{file.name}: [run]", table.shapes([*records, *recorded])
-        limit = jp.stability_limit(self.structures, self.scheme) * float(scales.time)
-        shortest = min((float(record.dt) for record in shapes), default=float("inf"))
-        dt = self.run.dt or time_step(natural_periods(self.structures, scales), limit, shortest)
-        require_stable(self.structures, self.scheme, dt, run, scales.time)
         longest = max((float(record.duration) for record in shapes), default=None)
         duration = self.run.duration or longest
         if duration is None:
             raise ValueError(f"{run} lacks the key 'duration'")
+        system = self.structures, scales, self.scheme
+        shortest = min((float(record.dt) for record in shapes), default=float("inf"))
+        dt = self.run.dt or chosen_step(*system, duration, shortest)
+        require_stable(self.structures, self.scheme, dt, run, scales.time)
         grid = time_grid(run, scales, duration, dt)
         if table.arrivals:
             within = Range(0.0, duration, "s", "the run, so that every wavelet shakes")
             table.arrivals.require(f"{place} arrivals", within)
         return ground, grid
-
-
-AFTER = 5.0
-"""Seconds until a notice of a compilation."""
-
-
-@contextmanager
-def compile_notice(structures: Structures) -> Iterator[None]:
-    """Print what is compiled and run if the block takes longer than ``AFTER``."""
-    system = structures.system()
-    floors, links = len(system.masses), len(system.links)
-    size = f"{floors} floor{'s' * (floors > 1)}"
-    if links:
-        size += f" and {links} link{'s' * (links > 1)}"
-    notice = f"jaxpound: compiling and running the program for {size} ..."
-    timer = Timer(AFTER, lambda: print(notice, file=sys.stderr))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()

@@ -85,7 +85,8 @@ class AnalysisOptions(NamedTuple):
         longest = max(suite, key=lambda record: float(record.duration))
         names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
         duration, place = float(longest.duration), f"{owner}: records: {names}"
-        return record_grid(place, structures, self.scales, self.scheme, finest, duration)
+        options: Any = {"duration": duration, "strict": self.strict}
+        return record_grid(place, structures, self.scales, self.scheme, finest, **options)
 
 
 class Intensity(NamedTuple):

@@ -215,9 +215,9 @@ def floor_links(
     Parameters
     ----------
     buildings
-        All ``Storeys``, or all in SI, ``ShearBuilding`` or ``Building``; from left to right. Floors
-        of the same number are common; of two ``ShearBuilding``, floors whose heights differ by at
-        most a slab's thickness, 0.2 m.
+        From left to right: all are ``Storeys``, or all ``ShearBuilding`` or ``Building`` in SI. Two
+        floors are common if they have the same number; for two ``ShearBuilding`` instead, if their
+        heights above the ground differ by at most 0.2 m, the thickness of a slab.
     friction, gap, contact
         As in ``FloorLink``.
     building

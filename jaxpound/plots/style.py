@@ -9,6 +9,7 @@ fonts and grid of axes that the caller made under other settings.
 from __future__ import annotations
 
 import functools
+import logging
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -50,6 +51,10 @@ COLOURS = {
 
 with resources.as_file(resources.files("jaxpound") / "house.mplstyle") as _file:
     _HOUSE = rc_params_from_file(_file, use_default_template=False)
+
+# The font of the prime in u'' dates from before 1970, which fontTools says for each PDF.
+_HEAD = logging.getLogger("fontTools.ttLib.tables._h_e_a_d")
+_HEAD.addFilter(lambda record: "timestamp seems very low" not in str(record.msg))
 
 P = ParamSpec("P")
 R = TypeVar("R")

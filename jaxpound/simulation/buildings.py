@@ -25,12 +25,15 @@ from jaxpound.model.structures import AdjacentStructures
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.response import Response
 from jaxpound.simulation.run import implausible_links, respond
-from jaxpound.simulation.scheme import Scheme, require_stable, stability_limit
+from jaxpound.simulation.scheme import Scheme, require_stable, stability_limit, stiffest_rod
 from jaxpound.units import Scales
 
 STEPS_PER_PERIOD = 50
 """Steps in a natural period, at least: the scheme's error in a free vibration is then below 0.1 %
 of its period."""
+
+MOST_SHORTENED = 20.0
+"""Times as many steps as periods and record need: above it, a run warns of a small τ_f."""
 
 MOST_STEPS = 1_000_000
 """Of a run."""
@@ -197,7 +200,7 @@ def _respond(
             links_alone.append(dataclasses.replace(x, **free, **traced))
         unlinked = dataclasses.replace(structures, links=tuple(links_alone))
     with jax.ensure_compile_time_eval():  # all of this is known, in a traced function too
-        grid = record_grid(f"{owner}:", unlinked, scales, scheme, record, duration, dt)
+        grid = record_grid(f"{owner}:", unlinked, scales, scheme, record, duration, dt, strict)
     response = respond(owner, structures, shaking, grid, scheme, strict)
     in_si = scales.to_si(response)
     links = [dataclasses.replace(x, gap=x.gap * scales.length) for x in structures.system().links]
@@ -215,25 +218,24 @@ def record_grid(
     record: Record,
     duration: float | None = None,
     dt: float | None = None,
+    strict: bool = False,
 ) -> TimeGrid:
     """The dimensionless time grid of a run under a record; duration and dt are in s.
 
     A ``ValueError`` if one of them breaks its rule, whose message starts with ``place``.
     """
-    own = float(record.dt)
+    own, whole = float(record.dt), float(record.duration)
+    if duration is not None:
+        whole = float(number(place.rstrip(":"), "duration", duration))
+        DURATION.require(f"{place} duration", whole)
     if dt is None:
-        limit = stability_limit(structures, scheme) * float(scales.time)
-        dt = time_step(natural_periods(structures, scales), limit, own)
+        dt = chosen_step(structures, scales, scheme, whole, own, strict)
     else:
         dt = float(number(place.rstrip(":"), "dt", dt))
         require_stable(structures, scheme, dt, place, scales.time)
         if dt > own * (1 + 1e-9):
             rule = f"at most the record's, {own:.6g} s: samples would be skipped"
             raise ValueError(f"{place} dt = {dt:.6g} s must be {rule}")
-    whole = float(record.duration)
-    if duration is not None:
-        whole = float(number(place.rstrip(":"), "duration", duration))
-        DURATION.require(f"{place} duration", whole)
     return time_grid(place, scales, whole, dt)
 
 
@@ -254,6 +256,25 @@ def time_step(periods: Iterable[float], limit: float, record_dt: float = math.in
     if record_dt == math.inf:
         return largest
     return record_dt / math.ceil(record_dt / largest * (1 - 1e-9))
+
+
+def chosen_step(
+    structures: AdjacentStructures | Row | Buildings,
+    scales: Scales,
+    scheme: Scheme,
+    duration: float,
+    record_dt: float = math.inf,
+    strict: bool = False,
+) -> float:
+    """``time_step`` of a run of a duration, s; a warning if a small τ_f makes it short."""
+    limit, time = stability_limit(structures, scheme), float(scales.time)
+    periods = natural_periods(structures, scales)
+    dt, needed = (time_step(periods, x, record_dt) for x in (limit * time, math.inf))
+    part, stiffer = stiffest_rod(structures.system(), limit, scheme, time)
+    if min(needed / dt, stiffer**0.5) > MOST_SHORTENED:  # steps shorten with the square root
+        times = f"{duration / dt:,.0f} steps of {dt:.3g} s are taken, {needed / dt:.0f} times as "
+        warn("dt", [f"{times}many as periods and record need, because of {part}"], strict)
+    return dt
 
 
 def time_grid(place: str, scales: Scales, duration: float, dt: float) -> TimeGrid:

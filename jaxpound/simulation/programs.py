@@ -10,6 +10,7 @@ import shlex
 import stat
 import sys
 import threading
+import time
 import warnings
 import zlib
 from functools import cache
@@ -33,13 +34,15 @@ _ZSTANDARD = b"\x28\xb5\x2f\xfd"  # first bytes of what it compresses
 # Loops of fewer bytes are one kernel.
 _LOOP_KERNELS = "xla_cpu_small_while_loop_byte_threshold=1000000"
 
-AFTER = 10.0
-"""Seconds of a compilation until the note."""
+AFTER = 3.0
+"""Seconds of tracing and compiling until the note."""
 
 _MAKES_LOOP_KERNELS = (0, 12)
 """The version of JAX from which on XLA makes kernels of small loops by itself."""
 
-_COMPILING = "/jax/core/compile/backend_compile_duration"  # JAX's event
+_PHASES = ("jaxpr_trace", "jaxpr_to_mlir_module", "backend_compile")
+_EVENTS = frozenset(f"/jax/core/compile/{phase}_duration" for phase in _PHASES)  # of JAX
+_PAUSE = 0.5  # s, below which a phase goes on with the same wait
 
 
 def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
@@ -212,25 +215,42 @@ def _user_folder() -> Path:
 # --- a note -------------------------------------------------------------------------------------
 
 _log = logging.getLogger("jaxpound")
-_notes: dict[int, threading.Timer] = {}  # by the thread that compiles
+_waits: dict[int, tuple[int, float, threading.Timer | None]] = {}
+"""Of each thread: the phases, one within another, that it is in; the end of the last; the note."""
 
 
 @cache
 def note_long_compilations() -> None:
-    """From now on warn by the logger "jaxpound" if compiling a program takes ``AFTER`` seconds."""
+    """From now on warn by the logger "jaxpound" where making a program takes ``AFTER`` seconds."""
     jax.monitoring.register_scalar_listener(_begin)
     jax.monitoring.register_event_duration_secs_listener(_finish)
 
 
 def _begin(event: str, value: float, **_: Any) -> None:
-    if event == _COMPILING and threading.get_ident() not in _notes:
-        message = f"jaxpound: compiling a program, for {AFTER:g} s so far; it is done once in a "
-        message += "process, or once for all processes after jaxpound.keep_programs()"
-        note = _notes[threading.get_ident()] = threading.Timer(AFTER, _log.warning, [message])
+    if event not in _EVENTS:
+        return
+    thread = threading.get_ident()
+    depth, ended, note = _waits.get(thread, (0, 0.0, None))
+    if not depth and time.monotonic() - ended > _PAUSE:
+        if note:
+            note.cancel()
+        note = threading.Timer(AFTER, _warn, [thread])
         note.daemon = True
         note.start()
+    _waits[thread] = depth + 1, ended, note
 
 
 def _finish(event: str, duration_secs: float, **_: Any) -> None:
-    if event == _COMPILING and (note := _notes.pop(threading.get_ident(), None)):
-        note.cancel()
+    thread = threading.get_ident()
+    depth, _, note = _waits.get(thread, (0, 0.0, None))
+    if event in _EVENTS and depth:  # not that of a program begun before the listener
+        _waits[thread] = depth - 1, time.monotonic(), note
+
+
+def _warn(thread: int) -> None:
+    depth, ended, _ = _waits[thread]
+    if depth or time.monotonic() - ended < _PAUSE:
+        kept = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
+        again = "" if kept else ", and later processes after jaxpound.keep_programs()"
+        message = "jaxpound: tracing and compiling a program, for %g s so far; later runs of the "
+        _log.warning(message + "same kind and time grid reuse it%s", AFTER, again)

@@ -211,7 +211,7 @@ def require_stable(
     unit = "/ω1" if time is None and gravity_of(structures) is None else " s"
     limit = stability_limit(system, scheme)
     rule = f"must be positive and below the stability limit {limit * seconds:.8g}{unit} of these "
-    rule += f"structures, set by {_stiffest(concrete, limit, scheme, seconds, unit)}"
+    rule += f"structures, set by {stiffest_rod(concrete, limit, scheme, seconds, unit)[0]}"
     raise InvalidInput("", f"{place} dt", f"{dt:.8g}{unit}", rule)
 
 
@@ -260,17 +260,25 @@ def _courant(system: System, dt: Any, scheme: Scheme) -> Any:
 _STIFFENED = 2.0  # times as stiff as at rest: a larger tau_f would allow longer steps
 
 
-def _stiffest(system: System, limit: float, scheme: Scheme, time: float, unit: str) -> str:
-    """In words the rod with the largest stiffness at the limit over the masses at its ends."""
+def stiffest_rod(
+    system: System, limit: float, scheme: Scheme, time: float, unit: str = " s"
+) -> tuple[str, float]:
+    """In words the rod with the largest stiffness at the limit over the masses at its ends.
+
+    The number is by how many times a small τ_f makes it stiffer than at rest.
+    """
     topology, stiffness = system.topology, _nyquist(system, limit, scheme)
     r = int(np.argmax([k * x for k, x in zip(stiffness, _mobilities(system), strict=True)]))
     part, law = _part(topology, r), zener_of(system.rods[r].material)
-    if law is None or (times := float(stiffness[r] / system.rods[r].stiffness)) < _STIFFENED:
-        return part
+    times = float(stiffness[r] / system.rods[r].stiffness)
+    if law is None or times < _STIFFENED:
+        return part, 1.0
     order = float(law.order)
     tau = f"{float(law.tau_f) * time**order:.4g}{f'{unit}^{order:.4g}' if unit == ' s' else ''}"
     tau = tau.removesuffix("^1")
-    return f"{part}, which its small tau_f = {tau} makes {times:.3g} times as stiff as at rest"
+    stiffer = f"{part}, which its small tau_f = {tau} makes {times:.3g} times as stiff as at rest: "
+    advice = "a larger one allows longer steps (from_period's default is 0.01 / (2 pi / T)^order)"
+    return stiffer + advice, times
 
 
 def _mobilities(system: System) -> list[Any]:

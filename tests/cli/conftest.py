@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.cli import structures
 from jaxpound.cli.files import example
 from tests.cli.commands import PULSE, changed, run, unrendered
-
-
-@pytest.fixture(autouse=True)
-def without_notes(monkeypatch) -> None:
-    """No note on compilation: whether there is one depends on the machine."""
-    monkeypatch.setattr(structures, "AFTER", 600.0)
 
 
 @pytest.fixture

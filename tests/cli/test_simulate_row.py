@@ -1,13 +1,11 @@
 """``jaxpound simulate`` of buildings in a row: its numbers are the API's, its files are whole."""
 
-from time import sleep
-
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
 import jaxpound as jp
-from jaxpound.cli import files, reading, simulate, structures
+from jaxpound.cli import files
 from jaxpound.cli.results import lines
 from tests.cli.commands import changed, simulated
 from tests.cli.written import csv_rows, summary
@@ -110,14 +108,3 @@ def test_every_figure_is_drawn_and_what_a_row_lacks_is_not_told(of_example):
     assert "POUNDS: overlap" in told
     for links, word in ((results["links"][2:], "smallest"), ([], "link")):
         assert word not in "\n".join(lines(results | {"links": links}))
-
-
-def test_a_note_says_what_is_compiled_where_that_takes_long(capsys, monkeypatch):
-    row = reading.File.opened(None, "simulate").read(simulate.Simulation).structures
-    with structures.compile_notice(row):
-        pass
-    monkeypatch.setattr(structures, "AFTER", 0.01)
-    with structures.compile_notice(row):
-        sleep(0.2)
-    words = "jaxpound: compiling and running the program for 2 floors and 1 link ...\n"
-    assert capsys.readouterr().err == words

@@ -11,7 +11,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.plots.explorer import Explorer
-from jaxpound.simulation.buildings import time_step
+from jaxpound.simulation.buildings import chosen_step, record_grid, time_step
 from tests.cli.commands import PULSE
 from tests.refusals import refusals, refused
 from tests.test_buildings import LEFT, RIGHT
@@ -111,12 +111,12 @@ def test_slip_force_gap_and_a_law_of_contact_may_be_traced():
 
 
 def test_a_step_above_the_limit_is_refused_with_the_part_that_sets_it_in_both_units():
-    viscous = jp.Building.from_period(500e3, 0.9, 0.05, order=1, tau_f=1e-6)  # as in the docs
+    viscous = jp.Building.from_period(500e3, 0.9, 0.05, order=1, tau_f=1e-6)
     pair = jp.Buildings((viscous, RIGHT), jp.floor_links((viscous, RIGHT), gap=0.1))
     structures, scales = pair.dimensionless()
     tau_f, grid = 1e-6 / float(scales.time), jp.TimeGrid(0.01, 100)
     says = r"must be positive and below the stability limit \S+ of these .*, set by building 1"
-    stiff = f"{says}, which its small tau_f = 1e-06 s makes .* times as stiff as at rest"
+    stiff = f"{says}, which its small tau_f = 1e-06 s makes .* times as stiff as at rest: a larger"
     for run, *args in (
         (partial(jp.simulate_buildings, viscous, **DAMPED, dt=0.01), RIGHT, RECORD),
         (jp.demand, pair, RECORD, grid),
@@ -124,6 +124,25 @@ def test_a_step_above_the_limit_is_refused_with_the_part_that_sets_it_in_both_un
         refused(stiff.replace(r"\S+", r"\S+ s"), run, *args)
     once = stiff.replace("1e-06 s", f"{tau_f:.4g}")
     refused(once, jp.demand, structures, jp.paper.ground(), scales.grid(1.0, 0.01))
+
+
+def test_many_steps_because_of_a_small_relaxation_time_are_no_longer_silent():
+    """The steps and what asks for them; not by default, nor where the storeys' number does."""
+    low = partial(jp.ShearBuilding.from_period, 5, 3e5, 0.55, 0.05, 1)
+    high = jp.ShearBuilding.from_period(8, 3e5, 1.1, 0.05, 1, 1e-3)
+    system = *jp.Buildings((high, low(1e-6))).dimensionless(), jp.Scheme(), RECORD
+    says = (
+        r"^dt: 43,355 steps of 0\.000138 s are taken, 72 times as many as periods and record need, "
+    )
+    says += (
+        r"because of storey 2 of building 2, which its small tau_f = 1e-06 s makes .* a larger one"
+    )
+    with pytest.warns(jp.PlausibilityWarning, match=says):
+        assert record_grid("run:", *system).n_steps == 43355
+    refused(says, partial(record_grid, strict=True), "run:", *system)
+    assert record_grid("run:", *jp.Buildings((high, low())).dimensionless(), *system[2:])
+    tower = jp.Buildings((jp.ShearBuilding.from_period(50, 3e5, 5.0, 0.05, 1),))
+    assert chosen_step(*tower.dimensionless(), jp.Scheme(), 10.0) < 5.0 / 50 / 20
 
 
 def test_the_part_that_sets_the_limit_is_a_storey_a_building_or_the_damper_of_a_link():

@@ -1,6 +1,5 @@
 """Compiled programs: whose folder they are kept in, what is removed, and the note on compiling."""
 
-import logging
 import os
 import subprocess
 import sys
@@ -184,32 +183,49 @@ def test_the_command_line_goes_on_without_a_folder_that_it_refuses(tmp_path, mon
     (tmp_path / "caches").chmod(0o777)
     arguments = f"jaxpound simulate --record missing.at2 --out {tmp_path}/out".split()
     monkeypatch.setattr("sys.argv", arguments)
-    level = logging.getLogger("jaxpound").level
     assert cli.main() == 2
-    logging.getLogger("jaxpound").setLevel(level)
     warning, error = capsys.readouterr().err.splitlines()
     assert warning.startswith(f"jaxpound: warning: {tmp_path}/caches must be a folder of yours")
     assert "missing.at2: no such file" in error
     assert os.environ["TF_CPP_MIN_LOG_LEVEL"] == "3"  # no alarm of XLA's at a long compilation
 
 
-def test_a_long_compilation_is_noted_in_one_line_and_a_short_one_is_not(monkeypatch, caplog):
+def test_a_wait_is_noted_once_over_its_phases_and_a_short_one_is_not(monkeypatch, caplog, tmp_path):
     def notes():
         return [text for name, _, text in caplog.record_tuples if name == "jaxpound"]
 
-    slow = jax.jit(lambda x: reduce(lambda x, k: jax.lax.sort(jnp.sin(x * k)), range(60), x))
+    def phase(name, seconds):
+        """Of JAX, one within another, as a function that calls a compiled one is traced."""
+        event = f"/jax/core/compile/{name}_duration"
+        for part in (0.0, seconds, 0.0):
+            jax.monitoring.record_scalar(event, time.time(), fun_name="f")
+            time.sleep(part)
+            jax.monitoring.record_event_duration_secs(event, part)
+
     monkeypatch.setattr(programs, "AFTER", 0.2)
+    monkeypatch.setattr(programs, "_PAUSE", 0.1)
     programs.note_long_compilations()
-    jax.monitoring.record_scalar(programs._COMPILING, time.time(), fun_name="f")
-    jax.monitoring.record_event_duration_secs(programs._COMPILING, 0.0)
-    time.sleep(0.3)
+    time.sleep(0.15)
+    phase("jaxpr_trace", 0.01)
+    time.sleep(0.3)  # as a run of the program
     assert notes() == []
+    for seconds in (0.12, 0.3):  # the wait is longer than any phase; nor is a second line printed
+        for name in programs._PHASES:
+            phase(name, seconds)
+        (line,) = notes()
+        assert line.startswith("jaxpound: tracing and compiling a program, for 0.2 s so far; later")
+        assert line.endswith("reuse it, and later processes after jaxpound.keep_programs()")
+        caplog.clear()
+        time.sleep(0.15)
+    slow = jax.jit(lambda x: reduce(lambda x, k: jax.lax.sort(jnp.sin(x * k)), range(60), x))
     x = jax.block_until_ready(jnp.arange(3.0))
+    time.sleep(0.15)
+    caplog.clear()
     monkeypatch.setattr(programs, "AFTER", 0.01)
-    before = len(notes())
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
     slow(x)
-    (line,) = notes()[before:]
-    assert line.startswith("jaxpound: compiling a program, for 0.01 s so far;")
+    (line,) = notes()  # of JAX's own events
+    assert line.endswith("so far; later runs of the same kind and time grid reuse it")
 
 
 def test_runs_see_to_the_note(monkeypatch):
