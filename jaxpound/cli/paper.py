@@ -33,6 +33,8 @@ def page(response: jp.Response, by_paper_scheme: float, initial_gap: float) -> s
     changes = [(phase.start, phase.kind) for phase in response.phases()[1:]]
     rows = [
         row("min of x2 - x1", float(response.min_gap) - initial_gap, reference.min_gap_change),
+        row("  + gap at rest", initial_gap, None),
+        row("  = smallest gap", float(response.min_gap), initial_gap + reference.min_gap_change),
         row("  at t", float(response.demand.min_gap_time), reference.min_gap_time),
         row("phase changes", len(changes), len(reference.phase_changes)),
     ]
