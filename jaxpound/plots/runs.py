@@ -65,7 +65,7 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     The minimum (of a batch, the smallest) is that of ``response.demand``, which may lie between
     instants of the grid. The region of pounding, ξ ≤ 0, is shaded, and named in the legend if the
     gap comes near it. Impacts of a single run, by a law of contact, are marked where they begin,
-    and named instead. Of a pair the legend says how far the gap at rest has closed.
+    and named instead. Else the legend of a pair says how far the gap at rest has closed.
     """
     lines = curves.gaps_of("gap", response)
     ax = curves.over_time(response, ax, "gap", "length", lines, r"$\xi$")
@@ -80,12 +80,12 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     else:
         drawn: Any = ax.lines[:-1] if np.ndim(response.time) == 1 else ax.collections
         drawn[-1].set_label(rf"$\xi$, {words}")
-    if is_pair(response) and not response.batch:
-        rest = float(response.gap[0] + response.x1[0] - response.x2[0])
-        parts = [house.in_unit(x, "length", response.si) for x in (rest, rest - low)]
-        ax.plot([], [], " ", label="= gap at rest {} − closing {}".format(*parts))
 
     hits = [] if response.batch else [impact.time for impact in response.impacts()]
+    if is_pair(response) and not (hits or response.batch):
+        rest = float(response.gap[0] + response.x1[0] - response.x2[0])
+        parts = [house.in_unit(x, "length", response.si) for x in (rest, rest - low)]
+        point.set_label("gap at rest {} − closing {}".format(*parts))
     if hits:
         style: Any = {"color": COLOURS["structure 2"], "markersize": 4, "label": "impact"}
         ax.plot(hits, np.zeros(len(hits)), "v", linestyle="none", **style)

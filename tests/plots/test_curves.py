@@ -92,7 +92,7 @@ def test_rods_and_links_are_drawn_over_their_elongation_and_slip_and_gaps_over_t
     np.testing.assert_array_equal(drawn(ax)["2–3, floor 1"][1], run.links[2].gap)
     smallest = float(run.min_gap)
     assert ax.lines[-1].get_ydata() == smallest
-    assert legend(ax)[2].replace("−", "-").startswith(f"min {smallest:.4g} at")
+    assert legend(ax)[2].replace("−", "-").startswith(f"min {smallest:.4g} $g/")
     both = plots.gaps({"one": run, "other": response(LINKS[:1])}, new_axes())
     assert sum(np.size(line.get_ydata()) == 5 for line in both.lines) == 3
 

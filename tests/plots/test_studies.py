@@ -147,7 +147,15 @@ def test_scatter_has_a_panel_for_each_pair_in_the_unit_of_the_study():
     x, y = figure.axes[3].lines[0].get_data()
     np.testing.assert_array_equal(x, found.parameters()["period_1"])
     np.testing.assert_array_equal(y, found["peak_f1"])
-    assert len(plots.scatter_matrix(found).axes) == 6
+    rank = found.correlations("peak_f1")["period_1"]
+    assert figure.axes[3].get_title() == f"rank corr. {rank:+.2f}".replace("-", "−")
+    medians = figure.axes[3].lines[1].get_ydata()
+    order = np.argsort(x)
+    np.testing.assert_allclose(medians[[0, -1]], [np.median(y[order[:5]]), np.median(y[order[-5:]])])
+    # What chance alone gives is left out.
+    chosen = plots.scatter_matrix(found).axes
+    ranks = sorted(map(abs, found.correlations().values()), reverse=True)
+    assert len(chosen) == min(4, sum(rank > 1.96 / 50**0.5 for rank in ranks)) < len(ranks)
     refused("'mass' must be one of friction, amplitud", plots.scatter_matrix, found, names=["mass"])
     units = {
         "friction": (r"friction $\mu$ ($m_1 g$)", "friction (kN)", 1e-3 * SCALES.force),
