@@ -117,11 +117,9 @@ def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
         for i, building in enumerate(layout.buildings, 1):
             if len(building.storeys) > 1:
                 figures[f"mode_shapes_{i}"] = drawn(plots.mode_shapes, building)
-    for name in names:
-        kind, _, loops = name.partition("_hyster")
-        each = (plots.hysteresis, response, kind) if loops and not layout.is_pair else ()
-        figures[name] = drawn(*(each or (getattr(plots, name), response)))
-    return figures
+    loops = [] if layout.is_pair else [x for x in names if x.endswith("_hysteresis")]
+    figures |= {x: drawn(plots.hysteresis, response, x.partition("_")[0]) for x in loops}
+    return figures | {x: drawn(getattr(plots, x), response) for x in names if x not in loops}
 
 
 def respond(

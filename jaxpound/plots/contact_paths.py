@@ -156,7 +156,8 @@ def _flows(
         points = np.concatenate(substeps) + np.stack([none + time[m], -gaps, none])
         share, ended = (points[:, 0] - time[m]) / (time[1] - time[0]), points[-1, 1:]
         pressed = (ended[1] > 0) & (force[m + 1] > 0)
-        missing = np.where(pressed, np.stack([depth[m + 1], force[m + 1]]) - ended, 0.0)
+        run, missing = np.stack([depth[m + 1], force[m + 1]]), np.zeros_like(ended)
+        missing = np.subtract(run, ended, out=missing, where=pressed)  # gaps may be infinite
         points[:, 1:] += share[:, None] * missing[None]
         yield m, points
 

@@ -64,22 +64,17 @@ def of_each(response: Response, group: str, field: str, name: str) -> list[Curve
     return curves
 
 
-def frictions(owner: str, response: Response) -> list[Curve]:
-    """Friction force of each damper, or of links without one where there is no damper at all.
+def frictions(owner: str, response: Response) -> dict[int, Curve]:
+    """Friction force of each damper by number, or of links without one where there is none at all.
 
     Of many links those between the same buildings have one name and one colour, from light to full.
     """
     if not response.links:
         raise InvalidInput(owner, "response", "", "must have a link")
-    damped = dampers(response)
-    series = [link.friction if k in damped else None for k, link in enumerate(response.links)]
-    return _of_links("$q$", response, series)
-
-
-def dampers(response: Response) -> list[int]:
-    """The numbers of the links with a damper, or of all where none has one."""
-    damped = [k for k, link in enumerate(response.links) if link.has_damper]
-    return damped or [*range(len(response.links))]
+    links = response.links
+    damped = [k for k, link in enumerate(links) if link.has_damper] or [*range(len(links))]
+    series = [link.friction if k in damped else None for k, link in enumerate(links)]
+    return dict(zip(damped, _of_links("$q$", response, series), strict=True))
 
 
 def touching(response: Response) -> list[LinkResponse]:
@@ -158,16 +153,15 @@ def over_time(
     quantity: str,
     curves: Sequence[Curve],
     symbol: str,
-    more: Any = (),
 ) -> Axes:
-    """Curves over time, in the unit for their largest number and those of ``more``.
+    """Curves over time, in the unit for their largest number.
 
     The axis has their labels where these are symbols, else the symbol.
     """
     ax = run_axes(response, ax)
     named = all(curve.label.startswith("$") for curve in curves)
     symbols = ", ".join(curve.label for curve in curves) if named else symbol
-    series = [*(curve.values for curve in curves), more]
+    series = [curve.values for curve in curves]
     factor, words = series_axis(response, f"{words} {symbols}", quantity, series)
     for curve in curves:
         times = response.time if curve.times is None else curve.times

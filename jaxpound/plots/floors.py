@@ -42,7 +42,6 @@ _DRAWN = {name: quantities(FloorDemands)[name] for name in _OF_ALL} | {
 Floors = Sequence[FloorDemands]
 Profiles = Sequence[np.ndarray]  # of runs or batches, each (runs, floors)
 Unit = tuple[float, str]  # factor and name
-Line = tuple[np.ndarray, np.ndarray, dict[str, Any]]  # of a run or batch: values, heights, style
 
 
 def _values(demands: FloorDemands, quantity: str) -> np.ndarray:
@@ -290,8 +289,8 @@ def _styles(runs: Mapping[str, Any], building: int) -> list[dict[str, Any]]:
     return [{"color": c, "label": name} for c, name in zip(colours, runs, strict=True)]
 
 
-def _draw(ax: Axes, name: str, lines: Sequence[Line], in_metres: bool, unit: Unit) -> None:
-    """A quantity of one building or more in each of several runs or batches."""
+def _draw(ax: Axes, name: str, lines: Sequence[Any], in_metres: bool, unit: Unit) -> None:
+    """A quantity of buildings and runs or batches: values, heights and style of each line."""
     factor, field = unit[0], _DRAWN[name]
     for k, (values, heights, style) in enumerate(lines):
         if name == "contact":  # below the points at the same height before

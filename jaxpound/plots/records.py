@@ -35,8 +35,7 @@ def accelerogram(record: GroundLike, ax: Axes | None = None, grid: TimeGrid | No
     in_seconds = _in_seconds(record)
     ax.plot(time, a, color=COLOURS["ground"])
     peak = np.abs(a).argmax()
-    at = house.in_unit(time[peak], "time", in_seconds)
-    words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {at}"
+    words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {house.in_unit(time[peak], 'time', in_seconds)}"
     ax.plot(time[peak], a[peak], "o", color=COLOURS["ground"], markersize=4, label=words)
     ax.margins(x=0)
     label(ax, house.with_unit("time $t$", "time", in_seconds)[1], "ground acceleration $u''$ ($g$)")

@@ -20,14 +20,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from jaxpound._checks import require_one_of
+from jaxpound.model.system import as_tuple
 from jaxpound.model.topology import elongation
 from jaxpound.plots import curves
 from jaxpound.plots import style as house
 from jaxpound.plots.curves import Curve, Loops, is_pair, same_units, series_axis, touching
 from jaxpound.plots.style import COLOURS, in_house_style, label, shade
 from jaxpound.results.response import Response, require_single
-
-Numbers = Sequence[int] | None
 
 
 @in_house_style
@@ -120,7 +119,7 @@ def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
 @in_house_style
 def friction_force(response: Response, ax: Axes | None = None) -> Axes:
     """Friction force q of each link over time; of one in a single run stick is shaded."""
-    lines = curves.frictions("friction_force", response)
+    lines = [*curves.frictions("friction_force", response).values()]
     ax = curves.over_time(response, ax, "friction force", "force", lines, "$q$")
     if np.ndim(response.time) > 1 or len(lines) > 1:
         return ax
@@ -150,10 +149,9 @@ def contact_force(response: Response, ax: Axes | None = None) -> Axes:
             at = np.argmax(np.where(outside, -np.inf, path.force))
             peaks.append((hit.time if outside.all() else path.time[at], hit.peak_force))
     times, highest = np.reshape(peaks, (-1, 2)).T
-    ax = curves.over_time(response, ax, "contact force", "force", lines, "$p$", highest)
+    ax = curves.over_time(response, ax, "contact force", "force", lines, "$p$")
     if peaks:
-        series = [*(curve.values for curve in lines), highest]
-        factor, _ = series_axis(response, "", "force", series)
+        factor, _ = series_axis(response, "", "force", [curve.values for curve in lines])
         style: Any = {"color": COLOURS["structure 2"], "markersize": 3}
         ax.plot(times, factor * highest, "o", label="largest of an impact", **style)
         house.legend(ax, columns=3)
@@ -161,7 +159,7 @@ def contact_force(response: Response, ax: Axes | None = None) -> Axes:
 
 
 @in_house_style
-def rod_hysteresis(response: Response, ax: Axes | None = None, rods: Numbers = None) -> Axes:
+def rod_hysteresis(response: Response, ax: Axes | None = None, rods: Any = None) -> Axes:
     """Force over elongation of each rod; of a pair f1 over x1 and f2 over x2.
 
     ``rods`` chooses some by number, from 0 as in ``response.rods``.
@@ -170,7 +168,7 @@ def rod_hysteresis(response: Response, ax: Axes | None = None, rods: Numbers = N
 
 
 @in_house_style
-def friction_hysteresis(response: Response, ax: Axes | None = None, links: Numbers = None) -> Axes:
+def friction_hysteresis(response: Response, ax: Axes | None = None, links: Any = None) -> Axes:
     """Friction force q over slip of each link: the enclosed area is the energy taken by the damper.
 
     The slip is that of its ends, x_i − x_j, by which the gap has closed. ``links`` chooses some by
@@ -180,7 +178,7 @@ def friction_hysteresis(response: Response, ax: Axes | None = None, links: Numbe
 
 
 @in_house_style
-def contact_hysteresis(response: Response, ax: Axes | None = None, links: Numbers = None) -> Axes:
+def contact_hysteresis(response: Response, ax: Axes | None = None, links: Any = None) -> Axes:
     """Contact force p over penetration δ = −ξ of each link with a law of contact.
 
     The enclosed area is the energy lost by contact. Impacts are drawn within the steps too; of a
@@ -191,7 +189,7 @@ def contact_hysteresis(response: Response, ax: Axes | None = None, links: Number
 
 
 @in_house_style
-def hysteresis(response: Response, kind: str = "rod", numbers: Numbers = None) -> Figure:
+def hysteresis(response: Response, kind: str = "rod", numbers: Any = None) -> Figure:
     """A panel for each rod or link, named by its storey or floor, all to the same scales.
 
     The kind is "rod", "friction" or "contact", as of the functions. ``numbers`` are those of rods
@@ -199,11 +197,11 @@ def hysteresis(response: Response, kind: str = "rod", numbers: Numbers = None) -
     """
     require_one_of("hysteresis", kind, ("rod", "friction", "contact"), "kind")
     loops = _loops(kind, response)
-    if numbers is None:
-        acting = [k for k, x in loops.curves.items() if np.any(x.values)] or [*loops.curves]
-        numbers = acting[:: -(-len(acting) // 20)]
+    acting = [k for k, x in loops.curves.items() if np.any(x.values)] or [*loops.curves]
+    evenly = acting[:: -(-len(acting) // 20)]
+    numbers = as_tuple("plots", loops.group, evenly if numbers is None else numbers) or (None,)
     rows = -(-len(numbers) // 4)
-    columns = -(-len(numbers) // max(rows, 1))
+    columns = -(-len(numbers) // rows)
     figure = house.new_figure(max(0.5 * columns, 1.0), 0.55 * rows + 0.25)
     for i, number in enumerate(numbers):
         first = figure.axes[0] if i else None
@@ -230,9 +228,8 @@ def _loops(kind: str, response: Response) -> Loops:
         depths = {k: path.penetration for k, (_, path) in contacts.items()}
         by_link = {k: curve for k, (curve, _) in contacts.items()}
         return Loops("links", depths, by_link, r"penetration $\delta$", "contact force $p$")
-    lines, x = curves.frictions("friction_hysteresis", response), [y.x for y in response.masses]
+    by_link, x = curves.frictions("friction_hysteresis", response), [y.x for y in response.masses]
     slips = [elongation(link.ends, x) for link in response.links]
-    by_link = dict(zip(curves.dampers(response), lines, strict=True))
     across = "slip $x_1 - x_2$" if is_pair(response) else "slip $x_i - x_j$"
     return Loops("links", slips, by_link, across, "friction force $q$")
 

@@ -296,8 +296,7 @@ def same_height(panels: Iterable[Axes]) -> None:
 def share_axis(ax: Axes, columns: int) -> None:
     """A vertical axis of shares, within 0 and 1, and the legend above the axes."""
     ax.autoscale(axis="y")
-    low, high = ax.get_ylim()
-    ax.set_ylim(max(low, 0.0), min(high, 1.0))
+    ax.set_ylim(np.clip(ax.get_ylim(), 0.0, 1.0).tolist())
     legend_above(ax, columns)
 
 

@@ -132,6 +132,10 @@ def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
     (black,) = (line for line in ax.lines if line.get_color() == COLOURS["ground"])
     assert (black.get_label(), black.get_linestyle()) == ("any link", "--")
     assert legend(ax) == [*drawn, "95 % band"]
+    ax.figure.draw_without_rendering()
+    assert ax.get_ylim() == (0, 1)
+    assert ax.get_legend().get_window_extent().y0 > ax.get_window_extent().y1
+    assert ax.get_window_extent().height > 0.55 * ax.figure.bbox.height
     assert sum(bool(band.get_paths()) for band in ax.collections) == 4
     ax = plots.fragility(curves(9), new_axes())
     assert legend(ax) == ["link 1", "link 9", "any link", "95 % band"]
@@ -149,9 +153,9 @@ def test_scatter_has_a_panel_for_each_pair_in_the_unit_of_the_study():
     np.testing.assert_array_equal(y, found["peak_f1"])
     rank = found.correlations("peak_f1")["period_1"]
     assert figure.axes[3].get_title() == f"rank corr. {rank:+.2f}".replace("-", "−")
-    medians = figure.axes[3].lines[1].get_ydata()
-    order = np.argsort(x)
-    np.testing.assert_allclose(medians[[0, -1]], [np.median(y[order[:5]]), np.median(y[order[-5:]])])
+    medians, order = figure.axes[3].lines[1].get_ydata(), np.argsort(x)
+    ends = np.median(y[order[:5]]), np.median(y[order[-5:]])
+    np.testing.assert_allclose(medians[[0, -1]], ends)
     # What chance alone gives is left out.
     chosen = plots.scatter_matrix(found).axes
     ranks = sorted(map(abs, found.correlations().values()), reverse=True)
