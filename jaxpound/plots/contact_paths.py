@@ -155,9 +155,8 @@ def _flows(
         contact = x.contact
         points = np.concatenate(substeps) + np.stack([none + time[m], -gaps, none])
         share, ended = (points[:, 0] - time[m]) / (time[1] - time[0]), points[-1, 1:]
-        pressed = (ended[1] > 0) & (force[m + 1] > 0)
-        run, missing = np.stack([depth[m + 1], force[m + 1]]), np.zeros_like(ended)
-        missing = np.subtract(run, ended, out=missing, where=pressed)  # gaps may be infinite
+        missing = np.zeros_like(ended)  # also where a gap is infinite
+        np.subtract([depth[m + 1], force[m + 1]], ended, missing, where=ended[1] * force[m + 1] > 0)
         points[:, 1:] += share[:, None] * missing[None]
         yield m, points
 
