@@ -30,10 +30,12 @@ def run(args: argparse.Namespace) -> None:
 def page(response: jp.Response, by_paper_scheme: float, initial_gap: float) -> str:
     """The paper's case beside the reference: smallest gap, phase changes, energy residual."""
     reference = jp.paper.reference()
+    lowest, smallest = float(response.min_gap) - initial_gap, initial_gap + reference.min_gap_change
     changes = [(phase.start, phase.kind) for phase in response.phases()[1:]]
     rows = [
-        row("min of x2 - x1", float(response.min_gap) - initial_gap, reference.min_gap_change),
+        row("min of x2 - x1", lowest, reference.min_gap_change),
         row("  at t", float(response.demand.min_gap_time), reference.min_gap_time),
+        row(f"smallest gap = {initial_gap:g} at rest + min", initial_gap + lowest, smallest),
         row("phase changes", len(changes), len(reference.phase_changes)),
     ]
     pairs = zip_longest(changes, reference.phase_changes, fillvalue=(None, ""))

@@ -66,13 +66,11 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _axis(study: jp.Study, name: str) -> dict[str, Any]:
-    """The measure of intensity on the axis of a figure, and its unit."""
-    from jaxpound.plots.style import unit_for
+    """The measure of intensity on the axis of a figure, with its unit."""
+    from jaxpound.plots.style import with_unit
 
-    kind = kind_of(name)
-    factor, unit = unit_for(kind, study.scales is not None, 0.0) if kind else (1.0, "")
     symbol = _SYMBOLS.get(name) or f"$S_a(T_{name.removeprefix(_SPECTRAL)})$"
-    return {"intensity": f"{symbol} ({unit})", "unit": 1 / factor}
+    return {"intensity": with_unit(symbol, kind_of(name), study.scales is not None)[1]}
 
 
 def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:

@@ -16,7 +16,7 @@ from jaxpound.cli.reading import File, Section, between, named
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import FACTOR_ON_RECORD
 from jaxpound.ground.reader import require_possible
-from jaxpound.quantities import MOST_PGA
+from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 from jaxpound.simulation.buildings import record_grid
 
 _Pga = Annotated[float, between(1e-6, MOST_PGA, "g", "several times the largest ever recorded")]
@@ -111,13 +111,15 @@ def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
     figures = {"overview": drawn(plots.overview, response)}
     if not layout.is_pair:
         elevations = [building.elevations for building in layout.buildings]
-        floors = jp.floor_demands(layout.structures, response.demand)
+        floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
         figures["row"] = drawn(plots.row, layout.structures, elevations, scales=layout.scales)
         figures["envelopes"] = drawn(plots.envelopes, floors, elevations)
         for i, building in enumerate(layout.buildings, 1):
             if len(building.storeys) > 1:
                 figures[f"mode_shapes_{i}"] = drawn(plots.mode_shapes, building)
-    return figures | {name: drawn(getattr(plots, name), response) for name in names}
+    loops = [] if layout.is_pair else [x for x in names if x.endswith("_hysteresis")]
+    figures |= {x: drawn(plots.hysteresis, response, x.partition("_")[0]) for x in loops}
+    return figures | {x: drawn(getattr(plots, x), response) for x in names if x not in loops}
 
 
 def respond(
@@ -161,10 +163,11 @@ def summary(
 
 def page(answers: dict[str, Any], checked_floors: str = "") -> str:
     """The summary as text for the screen."""
-    record, run = answers["record"], answers["run"]
+    record, run, pga = answers["record"], answers["run"], answers["record"]["pga_g"]
     return "\n".join(
         [
-            f"Record   {record['file']}: PGA {record['pga_g']:.4g} g, {record['duration_s']:.6g} s",
+            f"Record   {record['file']}: PGA {pga:.4g} g ({STANDARD_GRAVITY * pga:.4g} m/s²), "
+            f"{record['duration_s']:.6g} s",
             f"Run      {run['steps']} steps of {run['dt_s']:.4g} s; {run['method']}",
             "",
             *results.lines(answers["results"], checked_floors),

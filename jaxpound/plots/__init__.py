@@ -26,6 +26,7 @@ from jaxpound.plots.runs import friction_hysteresis as friction_hysteresis
 from jaxpound.plots.runs import gap as gap
 from jaxpound.plots.runs import gaps as gaps
 from jaxpound.plots.runs import ground_motion as ground_motion
+from jaxpound.plots.runs import hysteresis as hysteresis
 from jaxpound.plots.runs import overview as overview
 from jaxpound.plots.runs import paper_figures as paper_figures
 from jaxpound.plots.runs import rod_forces as rod_forces

@@ -14,6 +14,7 @@ from jaxpound._fields import unchecked
 from jaxpound.model.dampers import Inerter
 from jaxpound.model.system import Link, System
 from jaxpound.model.topology import elongation, link_groups
+from jaxpound.results.impacts import Impact
 from jaxpound.results.response import LinkResponse, Response
 from jaxpound.simulation.contact.events import FlowState
 from jaxpound.simulation.contact.group import Coupling, coupling
@@ -36,8 +37,9 @@ class ContactPath(NamedTuple):
 def followed_contacts(response: Response) -> dict[int, ContactPath]:
     """The contact of each link with a law of it, by the link's number.
 
-    From an instant to the next it is that of the local flow, under a pull that changes linearly. A
-    law without a force, or of unknown units, has only the instants.
+    From an instant to the next it is that of the local flow, under a pull that changes linearly,
+    bent to end where the run is then and to reach the largest force of each impact. A law without a
+    force, or of unknown units, has only the instants.
     """
     if response.batch:
         runs = [followed_contacts(response[i]) for i in np.ndindex(response.batch)]
@@ -58,8 +60,22 @@ def followed_contacts(response: Response) -> dict[int, ContactPath]:
                 if (k, m) in steps or (k, m - 1) not in steps
             ]
             times, depth, force = np.concatenate(parts, axis=1)
+            for hit in response.impacts(k) if link.law is not None else ():
+                _reach(hit, times, force, time)
             paths[k] = ContactPath(times, np.maximum(depth, 0.0), force)
     return paths
+
+
+def _reach(hit: Impact, times: np.ndarray, force: np.ndarray, instants: np.ndarray) -> None:
+    """Change the largest force of an impact, and those about it between the instants, to its."""
+    within = (times >= hit.time) & ~(times > hit.end)
+    if np.isfinite(hit.peak_force) and force[within].any():
+        largest, at = force[within].max(), times[within][force[within].argmax()]
+        before = instants[instants < at].max(initial=hit.time)
+        after = instants[instants > at].min(initial=times[-1])
+        near = np.interp(times[within], [before, at, after], [0.0, 1.0, 0.0])
+        bent = force[within] * (1 + near * (hit.peak_force / largest - 1))
+        force[within] = np.minimum(bent, hit.peak_force)
 
 
 def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
@@ -128,7 +144,12 @@ def _flows(
             x, unfinished, points = advance(x)
             substeps.append(points)
         contact = x.contact
-        yield m, np.concatenate(substeps) + np.stack([none + time[m], -gaps, none])
+        points = np.concatenate(substeps) + np.stack([none + time[m], -gaps, none])
+        share, ended = (points[:, 0] - time[m]) / (time[1] - time[0]), points[-1, 1:]
+        missing = np.zeros_like(ended)  # also where a gap is infinite
+        np.subtract([depth[m + 1], force[m + 1]], ended, missing, where=ended[1] * force[m + 1] > 0)
+        points[:, 1:] += share[:, None] * missing[None]
+        yield m, points
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -11,10 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from jaxpound._checks import instance
+from jaxpound._checks import instance, is_whole
 from jaxpound._errors import InvalidInput
 from jaxpound.model.places import link_places
-from jaxpound.model.topology import elongation, floors
+from jaxpound.model.system import as_tuple
+from jaxpound.model.topology import floors
 from jaxpound.plots import style as house
 from jaxpound.plots.contact_paths import ContactPath, followed_contacts
 from jaxpound.plots.style import COLOURS, label, new_axes
@@ -33,6 +34,7 @@ class Curve(NamedTuple):
     colour: str
     values: Any
     times: Any = None  # if they are not the instants
+    alone: str = house.CYCLE[0]  # its colour in axes of its own
 
 
 def is_pair(response: Response) -> bool:
@@ -62,21 +64,17 @@ def of_each(response: Response, group: str, field: str, name: str) -> list[Curve
     return curves
 
 
-def frictions(owner: str, response: Response) -> list[Curve]:
-    """Friction force of each damper, or of links without one where there is no damper at all.
+def frictions(owner: str, response: Response) -> dict[int, Curve]:
+    """Friction force of each damper by number, or of links without one where there is none at all.
 
     Of many links those between the same buildings have one name and one colour, from light to full.
     """
     if not response.links:
         raise InvalidInput(owner, "response", "", "must have a link")
-    damped = dampers(response)
-    series = [link.friction if link in damped else None for link in response.links]
-    return _of_links("$q$", response, series)
-
-
-def dampers(response: Response) -> list[LinkResponse]:
-    """The links with a damper, or all where none has one."""
-    return [link for link in response.links if link.has_damper] or list(response.links)
+    links = response.links
+    damped = [k for k, link in enumerate(links) if link.has_damper] or [*range(len(links))]
+    series = [link.friction if k in damped else None for k, link in enumerate(links)]
+    return dict(zip(damped, _of_links("$q$", response, series), strict=True))
 
 
 def touching(response: Response) -> list[LinkResponse]:
@@ -138,7 +136,7 @@ def _grouped(
     curves: dict[int, Curve] = {}
     for (name, numbers), colour in zip(members.items(), colours, strict=False):
         for i, tone in zip(numbers, house.tones(colour, len(numbers)), strict=True):
-            curves[i] = Curve(name if i == numbers[-1] else "_", tone, series[i])
+            curves[i] = Curve(name if i == numbers[-1] else "_", tone, series[i], alone=colour)
     return [curves[i] for i in sorted(curves)]
 
 
@@ -155,16 +153,15 @@ def over_time(
     quantity: str,
     curves: Sequence[Curve],
     symbol: str,
-    more: Any = (),
 ) -> Axes:
-    """Curves over time, in the unit for their largest number and those of ``more``.
+    """Curves over time, in the unit for their largest number.
 
     The axis has their labels where these are symbols, else the symbol.
     """
     ax = run_axes(response, ax)
     named = all(curve.label.startswith("$") for curve in curves)
     symbols = ", ".join(curve.label for curve in curves) if named else symbol
-    series = [*(curve.values for curve in curves), more]
+    series = [curve.values for curve in curves]
     factor, words = series_axis(response, f"{words} {symbols}", quantity, series)
     for curve in curves:
         times = response.time if curve.times is None else curve.times
@@ -176,23 +173,39 @@ def over_time(
     return ax
 
 
-def over_elongation(
-    response: Response,
-    ax: Axes | None,
-    members: Sequence[Any],
-    curves: Sequence[Curve],
-    across: str,
-    up: str,
+class Loops(NamedTuple):
+    """Forces of rods or links over the elongation or slip of each, by number."""
+
+    group: str
+    lengths: Any
+    curves: Mapping[int, Curve]
+    across: str
+    up: str
+
+
+def draw_loops(
+    response: Response, ax: Axes | None, loops: Loops, numbers: Sequence[int] | None = None
 ) -> Axes:
-    """Forces of rods or links over the elongation or slip of each."""
-    ax = run_axes(response, ax)
-    factor, up = series_axis(response, up, "force", [curve.values for curve in curves])
-    x = [mass.x for mass in response.masses]
-    for member, curve in zip(members, curves, strict=True):
-        draw_curve(ax, elongation(member.ends, x), factor, curve)
-    label(ax, length_label(response, across), up)
+    """The loops of these numbers by place, or all; the unit is that for the largest of all."""
+    ax, curves = run_axes(response, ax), loops.curves
+    factor, up = series_axis(response, loops.up, "force", [x.values for x in curves.values()])
+    if numbers is not None:
+        numbers = as_tuple("plots", loops.group, numbers)
+        if not numbers or not all(is_whole(k) and k in curves for k in numbers):
+            rule = f"must be some of the {loops.group} to be drawn, from 0: {[*curves]}"
+            raise InvalidInput("plots", loops.group, repr(numbers), rule)
+        places, colours = PLACES[loops.group](response.topology), [curves[numbers[0]].alone]
+        if len(numbers) > 1:
+            colours = house.numbered_colours(len(numbers))
+        both = zip(numbers, colours, strict=True)
+        curves = {k: curves[k]._replace(label=places[k], colour=x) for k, x in both}
+    for k, curve in curves.items():
+        draw_curve(ax, loops.lengths[k], factor, curve)
+    label(ax, length_label(response, loops.across), up)
     if len(curves) > 1:
         house.legend(ax, columns=3)
+    elif numbers is not None:
+        ax.set_title(curves[numbers[0]].label)
     return ax
 
 

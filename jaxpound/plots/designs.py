@@ -148,8 +148,7 @@ def before_and_after(
         if low <= 0:
             ax.axvspan(1.05 * low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
     label(ax, words, "share of earthquakes")
-    house.legend(ax, columns=3)
-    house.only_shares(ax)
+    house.share_axis(ax, 3)
     return ax
 
 

@@ -300,7 +300,7 @@ class Explorer:
     def _show(self) -> None:
         self.picture.value = self._panels.png(self.response)
         d, si = self.response.demand, self.response.si
-        length, second = (" m", " s") if si else ("", "")
+        length, second = (f" {unit(kind, si)}".replace(" 1/", "/") for kind in ("length", "time"))
         phases = len(self.response.phases())
         pounds = " <b>The buildings pound.</b>" if d.pounds else ""
         if d.pounds and d.links[0].n_impacts is not None:

@@ -34,6 +34,7 @@ _FROM_ZERO = "displacement"
 _OF_MODES = ("-", "--", ":", "-.")
 _OF_ALL = ("displacement", "drift", "acceleration", "shear")
 _DRAWN = {name: quantities(FloorDemands)[name] for name in _OF_ALL} | {
+    "drift_ratio": Quantity(None, "peak storey drift", symbol="peak $|d|/h$"),
     "contact": Quantity("force", "peak contact force", symbol="peak $p$"),
     "ductility": Quantity(None, "ductility", symbol=r"peak $\mu$"),
 }
@@ -63,9 +64,10 @@ def envelope(
     Of a batch the line is the median of the valid runs, the band reaches from 16 to 84 %.
 
     ``floors`` are the building's demands, from ``floor_demands``, or such demands by name, to be
-    compared. The quantity is "displacement", "drift", "acceleration", "shear", "contact", the
-    largest force of contact from either side, or "ductility". ``elevations`` are the height of each
-    floor above the ground, m; by default the floors' numbers.
+    compared. The quantity is "displacement", "drift", "drift_ratio", in % of the height of the
+    storey, "acceleration", "shear", "contact", the largest force of contact from either side, or
+    "ductility". ``elevations`` are the height of each floor above the ground, m; by default the
+    floors' numbers.
 
     A ``ValueError`` if there is no such quantity, no run is valid, elevations are not one for each
     floor in ascending order, or runs to be compared are of other buildings or units.
@@ -84,7 +86,8 @@ def envelope(
     profiles = [_values(demands, quantity) for demands in runs.values()]
     _require_valid("envelope", runs, profiles)
     unit, styles = _unit(quantity, first.si, profiles), _styles(runs, first.building)
-    _draw(ax, quantity, profiles, heights, elevations is not None, unit, styles)
+    lines = zip(profiles, [heights] * len(runs), styles, strict=True)
+    _draw(ax, quantity, [*lines], elevations is not None, unit)
     if len(runs) > 1:
         house.legend_above(ax, 2)
     return ax
@@ -96,11 +99,12 @@ def envelopes(
     elevations: Sequence[Any] | None = None,
     labels: Sequence[str] | None = None,
 ) -> Figure:
-    """Peak demands of buildings over their height: a row of panels for each building.
+    """Peak demands of buildings over their height, to one scale, so that colliding floors align.
 
-    The panels of a row are displacement, storey drift, acceleration, storey shear and, where there
-    are any, contact force and ductility; each has one scale for all buildings. A batch is as in
-    ``envelope``.
+    Panels side by side are displacement, storey drift, acceleration, storey shear and, where there
+    are any, contact force and ductility. The buildings of a run or a batch share them; of runs to
+    be compared each building has a row. Drift is in % of the height of storeys, where floors have
+    a ``drift_ratio``. A batch is as in ``envelope``.
 
     ``floors`` are what ``floor_demands`` gives, one for each building, of a run or a batch; or such
     tuples by name, to be compared: the first is grey. ``elevations`` are those of ``row``, by
@@ -115,8 +119,8 @@ def envelopes(
     >>> row = jp.Row(tuple(jp.Storeys((1.0,) * n, jp.Rod(steel, 5.0)) for n in (3, 2)))
     >>> found = jp.demand(row, jp.Ricker(0.3, 2.0, 4.0), jp.TimeGrid.until(20.0, dt=0.05))
     >>> figure = envelopes(jp.floor_demands(row, found), labels=["tall", "low"])
-    >>> len(figure.axes)  # two buildings, four quantities, no contact
-    8
+    >>> len(figure.axes)  # four quantities, no contact
+    4
     """
     owner = "envelopes"
     runs = _runs(owner, floors, Sequence)
@@ -127,33 +131,39 @@ def envelopes(
         rule = f"must be one for each of the {len(buildings)} buildings"
         raise InvalidInput(owner, f"labels, {len(labels)} of them,", "", rule)
     heights = floor_heights(owner, [len(building.masses) for building in buildings], elevations)
+    in_shares = all(each.si and each.heights for run in runs.values() for each in run)
+    usual = ("displacement", "drift_ratio" if in_shares else "drift", "acceleration", "shear")
     profiles = {
         name: [[_values(run[b], name) for run in runs.values()] for b in range(len(buildings))]
-        for name in _DRAWN
+        for name in (*usual, "contact", "ductility")
     }
     for of_runs in profiles[_FROM_ZERO]:
         _require_valid(owner, runs, of_runs)
-    acting = [name for name, each in profiles.items() if any(map(np.any, chain(*each)))]
-    profiles = {x: profiles[x] for x in profiles if x in (*_OF_ALL, *acting)}
+    shown = [name for name, x in profiles.items() if name in usual or any(map(np.any, chain(*x)))]
 
-    sizes = [0.5 + 0.06 * building.size for building in heights]
-    figure = house.new_figure(2, sum(sizes) + 0.35)
-    panels = figure.subplots(len(buildings), len(profiles), squeeze=False, height_ratios=sizes)
+    together = len(runs) == 1 < len(buildings)
+    rows = [[*range(len(buildings))]] if together else [[b] for b in range(len(buildings))]
+    inches = 0.5 + 0.06 * max(building.size for building in heights)
+    figure = house.new_figure(2, inches * len(rows) + 0.35)
+    panels = figure.subplots(len(rows), len(shown), squeeze=False, sharey=True)
     styles = [_styles(runs, building.building) for building in buildings]
-    for column, (name, of_buildings) in zip(panels.T, profiles.items(), strict=True):
-        unit = _unit(name, buildings[0].si, list(chain(*of_buildings)))
-        for ax, values, y, style in zip(column, of_buildings, heights, styles, strict=True):
-            _draw(ax, name, values, y, elevations is not None, unit, style)
-            ax.locator_params(axis="x", nbins=3)
+    for column, name in zip(panels.T, shown, strict=True):
+        unit = _unit(name, buildings[0].si, [*chain(*profiles[name])])
+        for ax, row in zip(column, rows, strict=True):
+            of_row = ((profiles[name][b], [heights[b]] * len(runs), styles[b]) for b in row)
+            lines = [line for of_building in of_row for line in zip(*of_building, strict=True)]
+            _draw(ax, name, lines, elevations is not None, unit)
+            ax.locator_params(axis="x", nbins=4)
         setp(column, xlim=(0, max(ax.get_xlim()[1] for ax in column)))
-    for ax, words in zip(panels[:, 0], labels, strict=True):
-        ax.set_ylabel(f"{words}\n{ax.get_ylabel()}")
+    _over_height(panels[0, 0], max(heights, key=max), elevations is not None)
+    for ax, words in zip(panels[:, 0], labels, strict=False):
+        ax.set_ylabel(ax.get_ylabel() if together else f"{words}\n{ax.get_ylabel()}")
     for ax in panels.flat:
         ax.label_outer()
     figure.align_ylabels(panels[:, 0])
-    if len(runs) > 1:
-        handles = panels[0, 0].get_lines()
-        figure.legend(handles, list(runs), loc="outside upper center", ncols=min(4, len(runs)))
+    handles, names = panels[0, 0].get_lines(), labels if together else list(runs)
+    if len(handles) > 1:
+        figure.legend(handles, names, loc="outside upper center", ncols=min(4, len(handles)))
     return figure
 
 
@@ -209,7 +219,7 @@ def mode_shapes(
     si, several = not isinstance(structures, Storeys), len(buildings) > 1
     in_metres = all(isinstance(building, ShearBuilding) for building in buildings)
     ax = new_axes(ax, height=1.3)
-    unit, tallest = unit_for("time", si, 0.0)[1], np.zeros(1)
+    tallest = np.zeros(1)
     for b, building in enumerate(buildings):
         storeys = building if isinstance(building, Storeys) else in_units(building, 1.0, 1.0, 1.0)
         vibration, top = modes(storeys), storeys.n_floors
@@ -221,8 +231,9 @@ def mode_shapes(
             x, y = np.append(0.0, shape * np.sign(shape[top - 1])), np.append(0.0, heights)
             if storeys.n_tuned:  # whose points stand alone
                 x, y = np.insert(x, top + 1, np.nan), np.insert(y, top + 1, np.nan)
-            period, damping = vibration.periods[j], 100 * vibration.damping_ratios[j]
-            words = rf"mode {j + 1}: $T$ = {period:.3g} {unit}, $\zeta$ = {damping:.2g} %"
+            period = house.in_unit(vibration.periods[j], "time", si, 3)
+            damping = 100 * vibration.damping_ratios[j]
+            words = rf"mode {j + 1}: $T$ = {period}, $\zeta$ = {damping:.2g} %"
             line: dict[str, Any] = {"color": house.CYCLE[j % len(house.CYCLE)]}
             if several:
                 words = f"building {b + 1}, {words}"
@@ -265,6 +276,8 @@ def _require_valid(owner: str, runs: Mapping[str, Any], profiles: Profiles) -> N
 
 
 def _unit(quantity: str, si: bool, profiles: Profiles) -> Unit:
+    if quantity == "drift_ratio":
+        return 100.0, "%"
     largest = max(float(values.max()) for values in profiles)
     kind = _DRAWN[quantity].kind
     return unit_for(kind, si, largest) if kind else (1.0, "")
@@ -276,15 +289,14 @@ def _styles(runs: Mapping[str, Any], building: int) -> list[dict[str, Any]]:
     return [{"color": c, "label": name} for c, name in zip(colours, runs, strict=True)]
 
 
-def _draw(
-    ax: Axes, name: str, profiles: Profiles, heights: Any, in_metres: bool, unit: Unit, styles: Any
-) -> None:
-    """A quantity of a building in each of several runs or batches."""
+def _draw(ax: Axes, name: str, lines: Sequence[Any], in_metres: bool, unit: Unit) -> None:
+    """A quantity of buildings and runs or batches: values, heights and style of each line."""
     factor, field = unit[0], _DRAWN[name]
-    offset = 0.12 * np.diff(heights, prepend=0.0).min()  # between the points of compared runs
-    for k, (values, style) in enumerate(zip(profiles, styles, strict=True)):
-        if name == "contact":
-            _draw_points(ax, factor * values, heights - offset * k, style)
+    for k, (values, heights, style) in enumerate(lines):
+        if name == "contact":  # below the points at the same height before
+            offset = 0.12 * np.diff(heights, prepend=0.0).min()
+            below: Any = sum(np.isin(heights, other) for _, other, _ in lines[:k])
+            _draw_points(ax, factor * values, heights - offset * below, style)
         else:
             _draw_line(ax, name, factor * values, heights, style)
     symbol = field.symbol.partition(" $")[2] + (f" ({unit[1]})" if unit[1] else "")
@@ -292,16 +304,16 @@ def _draw(
     if name == "ductility":
         ax.axvline(1, color="black", linewidth=0.7, linestyle=":", zorder=1)
     # Of a batch as far as the band reaches.
-    highest = max(float(np.quantile(values, _BAND[-1], axis=0).max()) for values in profiles)
+    highest = max(float(np.quantile(values, _BAND[-1], axis=0).max()) for values, *_ in lines)
     ax.set_xlim(0, 1.08 * factor * highest or 1.0)
-    _over_height(ax, heights, in_metres)
+    _over_height(ax, lines[0][1], in_metres)
 
 
 def _draw_line(ax: Axes, name: str, values: np.ndarray, heights: np.ndarray, style: Any) -> None:
     """A single run as a line; the median of a batch, and 16 to 84 % of it as a band."""
     curves = np.quantile(values, _BAND, axis=0)
     points: dict[str, Any] = {"marker": "o", "markersize": 2.5, "clip_on": False}
-    if name in ("drift", "shear", "ductility"):
+    if name in ("drift", "drift_ratio", "shear", "ductility"):
         heights, points = np.repeat(np.append(0.0, heights), 2)[1:-1], {}
         curves = np.repeat(curves, 2, axis=1)
     elif name == _FROM_ZERO:

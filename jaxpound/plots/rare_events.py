@@ -60,7 +60,8 @@ def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | Non
     below.axhline(level, color=COLOURS["limit"], linestyle="--", label="threshold")
     for ax in (above, below):
         ax.axvline(time, color=COLOURS["residual"], linewidth=0.7, zorder=1)
-    instant = rf"$t$ = {time:.3g}{' s' if response.si else ''}, $\beta$ = {earthquake.beta:.3g}"
+    at = house.in_unit(time, "time", response.si, 3)
+    instant = rf"$t$ = {at}, $\beta$ = {earthquake.beta:.3g}"
     below.plot(time, level, "o", color=COLOURS["limit"], markersize=4, label=instant)
     label(below, time_label(response), words)
     house.legend(below, columns=2)

@@ -32,13 +32,13 @@ def accelerogram(record: GroundLike, ax: Axes | None = None, grid: TimeGrid | No
     require_ground("accelerogram: record", record)
     a, dt = map(np.asarray, intensity.samples_of(record, grid))
     ax, time = new_axes(ax), float(dt) * np.arange(a.size)
-    unit = house.unit_for("time", _in_seconds(record), 0.0)[1]
+    in_seconds = _in_seconds(record)
     ax.plot(time, a, color=COLOURS["ground"])
     peak = np.abs(a).argmax()
-    words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {time[peak]:.4g} {unit}"
+    words = f"PGA = {abs(a[peak]):.3g} $g$ at $t$ = {house.in_unit(time[peak], 'time', in_seconds)}"
     ax.plot(time[peak], a[peak], "o", color=COLOURS["ground"], markersize=4, label=words)
     ax.margins(x=0)
-    label(ax, f"time $t$ ({unit})", "ground acceleration $u''$ ($g$)")
+    label(ax, house.with_unit("time $t$", "time", in_seconds)[1], "ground acceleration $u''$ ($g$)")
     house.legend(ax)
     return ax
 

@@ -206,7 +206,7 @@ def _written(scales: Scales | None, kind: str, number: Any) -> str:
     if scales is None:
         return f"{float(number):.3g}"
     in_si = float(number) * float(scales.unit_of(kind))
-    factor, unit = (1e-3, "t") if kind == "mass" else unit_for(kind, True, in_si)
+    factor, unit = unit_for(kind, True, in_si)
     return f"{float(f'{factor * in_si:.3g}'):,g} {unit}"
 
 

@@ -19,9 +19,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from jaxpound._checks import require_one_of
+from jaxpound.model.system import as_tuple
+from jaxpound.model.topology import elongation
 from jaxpound.plots import curves
 from jaxpound.plots import style as house
-from jaxpound.plots.curves import Curve, is_pair, same_units, series_axis, touching
+from jaxpound.plots.curves import Curve, Loops, is_pair, same_units, series_axis, touching
 from jaxpound.plots.style import COLOURS, in_house_style, label, shade
 from jaxpound.results.response import Response, require_single
 
@@ -61,15 +64,15 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     The minimum (of a batch, the smallest) is that of ``response.demand``, which may lie between
     instants of the grid. The region of pounding, ξ ≤ 0, is shaded, and named in the legend if the
     gap comes near it. Impacts of a single run, by a law of contact, are marked where they begin,
-    and named instead.
+    and named instead. Else the legend of a pair says how far the gap at rest has closed.
     """
     lines = curves.gaps_of("gap", response)
     ax = curves.over_time(response, ax, "gap", "length", lines, r"$\xi$")
     smallest = np.ravel(response.min_gap)
     low, high = float(smallest.min()), max(float(np.nanmax(curve.values)) for curve in lines)
     time = float(np.ravel(response.demand.min_gap_time)[smallest.argmin()])
-    units = (" m", " s") if response.si else ("", "")
-    words = rf"min {low:.4g}{units[0]} at $t$ = {time:.4g}{units[1]}".replace("-", "−")
+    numbers = (low, "length"), (time, "time")
+    words = "min {} at $t$ = {}".format(*(house.in_unit(*x, response.si) for x in numbers))
     (point,) = ax.plot(time, low, "o", color=COLOURS["damper"], markersize=4, label="_minimum")
     if len(lines) > 1:
         point.set(label=words, color=COLOURS["ground"])
@@ -78,6 +81,10 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
         drawn[-1].set_label(rf"$\xi$, {words}")
 
     hits = [] if response.batch else [impact.time for impact in response.impacts()]
+    if is_pair(response) and not (hits or response.batch):
+        rest = float(response.gap[0] + response.x1[0] - response.x2[0])
+        parts = [house.in_unit(x, "length", response.si) for x in (rest, rest - low)]
+        point.set_label("gap at rest {} − closing {}".format(*parts))
     if hits:
         style: Any = {"color": COLOURS["structure 2"], "markersize": 4, "label": "impact"}
         ax.plot(hits, np.zeros(len(hits)), "v", linestyle="none", **style)
@@ -96,9 +103,9 @@ def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
     runs = list(same_units("gaps", responses).values())
     for name, response, colour in zip(responses, runs, house.shades(len(runs)), strict=True):
         ax = curves.run_axes(response, ax)
-        words = f"{name}: min {float(np.min(response.min_gap)):.4g}".replace("-", "−")
+        smallest = house.in_unit(float(np.min(response.min_gap)), "length", response.si)
         for i, curve in enumerate(curves.gaps_of("gaps", response)):
-            drawn = curve._replace(label="_" if i else words, colour=colour)
+            drawn = curve._replace(label="_" if i else f"{name}: min {smallest}", colour=colour)
             curves.draw_curve(ax, response.time, 1.0, drawn)
     assert ax is not None
     _shade_pounding(ax, False)
@@ -112,7 +119,7 @@ def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
 @in_house_style
 def friction_force(response: Response, ax: Axes | None = None) -> Axes:
     """Friction force q of each link over time; of one in a single run stick is shaded."""
-    lines = curves.frictions("friction_force", response)
+    lines = [*curves.frictions("friction_force", response).values()]
     ax = curves.over_time(response, ax, "friction force", "force", lines, "$q$")
     if np.ndim(response.time) > 1 or len(lines) > 1:
         return ax
@@ -142,10 +149,9 @@ def contact_force(response: Response, ax: Axes | None = None) -> Axes:
             at = np.argmax(np.where(outside, -np.inf, path.force))
             peaks.append((hit.time if outside.all() else path.time[at], hit.peak_force))
     times, highest = np.reshape(peaks, (-1, 2)).T
-    ax = curves.over_time(response, ax, "contact force", "force", lines, "$p$", highest)
+    ax = curves.over_time(response, ax, "contact force", "force", lines, "$p$")
     if peaks:
-        series = [*(curve.values for curve in lines), highest]
-        factor, _ = series_axis(response, "", "force", series)
+        factor, _ = series_axis(response, "", "force", [curve.values for curve in lines])
         style: Any = {"color": COLOURS["structure 2"], "markersize": 3}
         ax.plot(times, factor * highest, "o", label="largest of an impact", **style)
         house.legend(ax, columns=3)
@@ -153,45 +159,79 @@ def contact_force(response: Response, ax: Axes | None = None) -> Axes:
 
 
 @in_house_style
-def rod_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
-    """Force over elongation of each rod; of a pair f1 over x1 and f2 over x2."""
-    lines = curves.of_each(response, "rods", "force", "structure {}")
-    across, up = "elongation", "rod force $f$"
-    if is_pair(response):
-        across, up = "displacement $x_1$, $x_2$", "rod force $f_1$, $f_2$"
-    return curves.over_elongation(response, ax, response.rods, lines, across, up)
+def rod_hysteresis(response: Response, ax: Axes | None = None, rods: Any = None) -> Axes:
+    """Force over elongation of each rod; of a pair f1 over x1 and f2 over x2.
+
+    ``rods`` chooses some by number, from 0 as in ``response.rods``.
+    """
+    return curves.draw_loops(response, ax, _loops("rod", response), rods)
 
 
 @in_house_style
-def friction_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
+def friction_hysteresis(response: Response, ax: Axes | None = None, links: Any = None) -> Axes:
     """Friction force q over slip of each link: the enclosed area is the energy taken by the damper.
 
-    The slip is that of its ends, x_i − x_j, by which the gap has closed.
+    The slip is that of its ends, x_i − x_j, by which the gap has closed. ``links`` chooses some by
+    number, from 0 as in ``response.links``.
     """
-    lines = curves.frictions("friction_hysteresis", response)
-    across = "slip $x_1 - x_2$" if is_pair(response) else "slip $x_i - x_j$"
-    links = curves.dampers(response)
-    return curves.over_elongation(response, ax, links, lines, across, "friction force $q$")
+    return curves.draw_loops(response, ax, _loops("friction", response), links)
 
 
 @in_house_style
-def contact_hysteresis(response: Response, ax: Axes | None = None) -> Axes:
+def contact_hysteresis(response: Response, ax: Axes | None = None, links: Any = None) -> Axes:
     """Contact force p over penetration δ = −ξ of each link with a law of contact.
 
     The enclosed area is the energy lost by contact. Impacts are drawn within the steps too; of a
-    user-defined law in other units than the run's there are only the instants.
+    user-defined law in other units than the run's there are only the instants. ``links`` chooses
+    some by number, from 0 as in ``response.links``.
     """
-    ax = curves.run_axes(response, ax)
-    contacts = curves.contacts("contact_hysteresis", response).values()
-    lines = [curve for curve, _ in contacts]
-    series = [curve.values for curve in lines]
-    factor, words = series_axis(response, "contact force $p$", "force", series)
-    for curve, path in contacts:
-        curves.draw_curve(ax, path.penetration, factor, curve)
-    label(ax, curves.length_label(response, r"penetration $\delta$"), words)
-    if len(lines) > 1:
-        house.legend(ax, columns=3)
-    return ax
+    return curves.draw_loops(response, ax, _loops("contact", response), links)
+
+
+@in_house_style
+def hysteresis(response: Response, kind: str = "rod", numbers: Any = None) -> Figure:
+    """A panel for each rod or link, named by its storey or floor, all to the same scales.
+
+    The kind is "rod", "friction" or "contact", as of the functions. ``numbers`` are those of rods
+    or links, from 0; by default all with a force, of more than 20 evenly some 20.
+    """
+    require_one_of("hysteresis", kind, ("rod", "friction", "contact"), "kind")
+    loops = _loops(kind, response)
+    acting = [k for k, x in loops.curves.items() if np.any(x.values)] or [*loops.curves]
+    evenly = acting[:: -(-len(acting) // 20)]
+    numbers = as_tuple("plots", loops.group, evenly if numbers is None else numbers) or (None,)
+    rows = -(-len(numbers) // 4)
+    columns = -(-len(numbers) // rows)
+    figure = house.new_figure(max(0.5 * columns, 1.0), 0.55 * rows + 0.25)
+    for i, number in enumerate(numbers):
+        first = figure.axes[0] if i else None
+        ax = figure.add_subplot(rows, columns, i + 1, sharex=first, sharey=first)
+        curves.draw_loops(response, ax, loops, [number])
+        figure.supxlabel(ax.get_xlabel(), fontsize=house.FONT_SIZE)
+        figure.supylabel(ax.get_ylabel(), fontsize=house.FONT_SIZE)
+        ax.set(xlabel="", ylabel="")
+        ax.locator_params(nbins=3)
+        ax.tick_params(labelleft=i % columns == 0, labelbottom=i + columns >= len(numbers))
+    return figure
+
+
+def _loops(kind: str, response: Response) -> Loops:
+    """The loops of all rods, dampers or contacts."""
+    if kind == "rod":
+        lines = curves.of_each(response, "rods", "force", "structure {}")
+        words = "elongation", "rod force $f$"
+        if is_pair(response):
+            words = "displacement $x_1$, $x_2$", "rod force $f_1$, $f_2$"
+        return Loops("rods", response.elongations, dict(enumerate(lines)), *words)
+    if kind == "contact":
+        contacts = curves.contacts("contact_hysteresis", response)
+        depths = {k: path.penetration for k, (_, path) in contacts.items()}
+        by_link = {k: curve for k, (curve, _) in contacts.items()}
+        return Loops("links", depths, by_link, r"penetration $\delta$", "contact force $p$")
+    by_link, x = curves.frictions("friction_hysteresis", response), [y.x for y in response.masses]
+    slips = [elongation(link.ends, x) for link in response.links]
+    across = "slip $x_1 - x_2$" if is_pair(response) else "slip $x_i - x_j$"
+    return Loops("links", slips, by_link, across, "friction force $q$")
 
 
 @in_house_style

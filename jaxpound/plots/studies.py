@@ -86,8 +86,7 @@ def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) 
     ax.plot(sizes, value, color=COLOURS["damper"], label="estimate")
     ax.set_xscale("log")
     label(ax, "samples $n$", "probability of pounding")
-    house.legend(ax)
-    house.only_shares(ax)
+    house.share_axis(ax, 2)
     return ax
 
 
@@ -131,15 +130,14 @@ def fragility(
     curve: Fragility | Mapping[str, Fragility],
     ax: Axes | None = None,
     intensity: str | None = None,
-    unit: float = 1.0,
 ) -> Axes:
     """Fragility curve with its 95 % band and the data; or several curves by name.
 
     A cloud is shown as the share of pounding in twelve groups of neighbouring intensities, with
     their intervals. Of several curves the data are left out; that named "any link" is black and
     dashed, for it often lies on that of one link. Beside more than six curves only "any link" has
-    its band. ``intensity`` is the label of the axis, with its unit in parentheses (by default the
-    curve's own measure); ``unit`` is that unit in the curve's own (9.80665 for g, of one in m/s²).
+    its band. ``intensity`` is the label of the axis, with the curve's unit in parentheses; by
+    default its own measure.
 
     Examples
     --------
@@ -156,7 +154,7 @@ def fragility(
         intensity = str(getattr(curve, "measured", "")) or "im"
     if isinstance(curve, Fragility):
         axis_unit = re.search(r" \(([^()]+)\)$", intensity)
-        median = f"{curve.median / unit:.3g}{f' {axis_unit[1]}' if axis_unit else ''}"
+        median = f"{curve.median:.3g}{f' {axis_unit[1]}' if axis_unit else ''}"
         words = rf"$\theta$ = {median}, $\beta$ = {curve.dispersion:.3g}"
         drawn = [(words, "damper", curve)]
     else:
@@ -169,27 +167,26 @@ def fragility(
     for words, colour, member in drawn:
         style: Any = {"linestyle": "--"} if words == ANY_LINK else {}
         style |= {"color": COLOURS.get(colour, colour), "label": words}
-        ax.plot(at / unit, member.probability(at), **style)
+        ax.plot(at, member.probability(at), **style)
         if words == ANY_LINK or few:
             low, high = member.band(at)
             if np.isnan(low).all():  # of a curve without errors
                 continue
             of_band = {"label": "95 % band"} if single else {"alpha": 0.15}
-            ax.fill_between(at / unit, low, high, **(shade(colour) | of_band))
+            ax.fill_between(at, low, high, **(shade(colour) | of_band))
     if isinstance(curve, Fragility):
         if curve.intensity.size:
             im, shares = _shares(curve)
             off = np.abs(shares[:, 1:].T - shares[:, 0])
             points: Any = {"fmt": "o", "color": "black", "markersize": 3, "linewidth": 0.7}
-            ax.errorbar(im / unit, shares[:, 0], off, label="data", **points)
+            ax.errorbar(im, shares[:, 0], off, label="data", clip_on=False, **points)
     elif few or ANY_LINK in curve:
         ax.fill_between([], [], [], label="95 % band", **shade("residual"))
     ax.set_xscale("log")
     house.ratio_ticks(ax.xaxis)
     events = {member.event for member in members}
     label(ax, intensity, f"probability of {events.pop()}" if len(events) == 1 else "probability")
-    house.legend(ax, columns=2 if single else 4)
-    house.only_shares(ax)
+    house.share_axis(ax, 2 if single else 3)
     return ax
 
 
@@ -212,13 +209,16 @@ def scatter_matrix(
 ) -> Figure:
     """Demands over parameters, a row for each demand and a column for each parameter.
 
-    ``names`` chooses parameters; by default the six of the largest rank correlation with the first
-    demand. At most 2,000 samples are drawn.
+    ``names`` chooses parameters; by default the four of the largest rank correlation with the first
+    demand, of those that chance alone would not give. At most 2,000 samples are drawn; lines are
+    the medians of ten groups of as many samples each.
     """
     parameters = study.parameters()
+    by_demand = {demand: study.correlations(demand) for demand in demands}
     if names is None:
-        correlations = study.correlations(demands[0])
-        names = sorted(correlations, key=lambda x: -abs(np.nan_to_num(correlations[x])))[:6]
+        sizes = {name: abs(np.nan_to_num(x)) for name, x in by_demand[demands[0]].items()}
+        ranked = sorted(sizes, key=lambda name: -sizes[name])[:4]
+        names = [name for name in ranked if sizes[name] > 1.96 / len(study) ** 0.5] or ranked[:1]
     for name in names:
         require_one_of("scatter_matrix", name, parameters)
     figure = house.new_figure(0.35 + 0.4 * len(names), 0.13 + 0.72 * len(demands))
@@ -231,7 +231,11 @@ def scatter_matrix(
             size, words = house.parameter_axis(name, study.scales, float(np.abs(numbers).max()))
             style: Any = {"color": house.CYCLE[0], "markersize": 1.5, "alpha": 0.4}
             ax.plot(size * numbers, values, ".", rasterized=True, **style)
-            label(ax, words, demand_words)
+            groups = np.array_split(np.argsort(numbers), min(10, numbers.size))
+            medians = [[np.median(y[group]) for group in groups] for y in (numbers, values)]
+            ax.plot(size * np.array(medians[0]), medians[1], color="black", label="median")
+            ax.set_title(f"rank corr. {by_demand[demand][name]:+.2f}".replace("-", "−"))
+            label(ax, words.replace(": ", ":\n"), demand_words)
             ax.locator_params(axis="x", nbins=3)
             ax.label_outer()
     return figure

@@ -30,7 +30,7 @@ from jaxpound.model import parameters
 from jaxpound.model.row import Row
 from jaxpound.model.structures import AdjacentStructures, Storeys
 from jaxpound.model.system import System
-from jaxpound.quantities import DIMENSIONLESS, SI, STANDARD_GRAVITY
+from jaxpound.quantities import DIMENSIONLESS, SI
 from jaxpound.results.named import kind_and_symbol
 from jaxpound.scenarios.random_ground import WAVELET_KINDS
 
@@ -100,19 +100,28 @@ def _owner(path: str) -> type | None:
 
 
 def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
-    """Factor and name of a unit: g of accelerations, of forces kN or MN where the peak is large."""
+    """Factor and name of a unit; of forces and energies with k or M where the peak is large.
+
+    Accelerations are in m/s² as in tables: of the ground too, but in figures of records alone.
+    """
     unit = (SI if si else DIMENSIONLESS)[quantity]
     if not si:
         for plain, drawn in (("ω1", r"\omega_1"), ("m1", "m_1"), ("²", "^2")):
             unit = unit.replace(plain, drawn)
         return 1.0, f"${unit}$"
-    if quantity == "acceleration":
-        return 1 / STANDARD_GRAVITY, "$g$"
+    if quantity == "mass":
+        return 1e-3, "t"
     if quantity in ("force", "energy", "stiffness"):
         for factor, prefix in ((1e-6, "M"), (1e-3, "k")):
             if peak * factor >= 10:
                 return factor, prefix + unit
     return 1.0, unit
+
+
+def in_unit(number: float, kind: str, si: bool, digits: int = 4) -> str:
+    """A number with its unit, as words in a figure have it: ``−0.1085 m``."""
+    unit = unit_for(kind, si, 0.0)[1].replace("$1/", "$/")
+    return f"{number:.{digits}g}{'' if unit.startswith('$/') else ' '}{unit}".replace("-", "−")
 
 
 def with_unit(words: str, kind: str | None, si: bool, peak: float = 0.0) -> tuple[float, str]:
@@ -289,9 +298,11 @@ def same_height(panels: Iterable[Axes]) -> None:
         ax.set_ylim(lows.min(), highs.max())
 
 
-def only_shares(ax: Axes) -> None:
-    """Ticks from 0 to 1 only: none beside the legend, which stands above the curves."""
-    ax.set_yticks([tick for tick in ax.get_yticks() if ax.get_ylim()[0] <= tick <= 1 + 1e-9])
+def share_axis(ax: Axes, columns: int) -> None:
+    """A vertical axis of shares, within 0 and 1, and the legend above the axes."""
+    ax.autoscale(axis="y")
+    ax.set_ylim(np.clip(ax.get_ylim(), 0.0, 1.0).tolist())
+    legend_above(ax, columns)
 
 
 def ratio_ticks(axis: Axis) -> None:

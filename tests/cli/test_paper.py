@@ -44,6 +44,7 @@ def test_paper_table_has_the_api_s_numbers_every_phase_change_and_the_paper_s_sc
     screen, _ = paper_run
     response, known = jp.simulate(*CASE), jp.paper.reference()
     value, reference, difference = row(screen, "min of x2 - x1")
+    assert row(screen, "smallest gap = 1 at rest + min")[0] == pytest.approx(1 + value)
     assert value == pytest.approx(float(response.min_gap) - 1, abs=1e-8)
     assert reference == pytest.approx(known.min_gap_change, abs=1e-8)
     assert difference == pytest.approx(value - reference, abs=1e-7)

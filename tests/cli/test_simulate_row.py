@@ -7,6 +7,7 @@ from matplotlib.image import imread
 import jaxpound as jp
 from jaxpound.cli import files
 from jaxpound.cli.results import lines
+from jaxpound.model.places import rod_places
 from tests.cli.commands import changed, simulated
 from tests.cli.written import csv_rows, summary
 
@@ -86,6 +87,20 @@ def test_series_have_all_floors_and_the_envelope_their_peaks(of_example):
             assert float(row[column]) == float(getattr(demands[b], name)[i])
 
 
+def test_figures_have_the_units_and_numbers_of_the_table(of_example):
+    """Loops are in panels of their own, drift is in %, accelerations are in m/s²."""
+    screen, _, layout, response = of_example
+    figures = simulate._figures(layout, response)
+    assert [ax.get_title() for ax in figures["rod_hysteresis"].axes] == [
+        place for place in rod_places(response.topology) if "storey" in place
+    ]
+    labels = [ax.get_xlabel() for ax in figures["envelopes"].axes]
+    assert any("(%)" in words for words in labels)
+    assert any("(m/s²)" in words for words in labels)
+    line = figures["ground_motion"].axes[0].lines[0]
+    assert f"({np.abs(line.get_ydata()).max():.4g} m/s²)" in screen
+
+
 def test_every_figure_is_drawn_and_what_a_row_lacks_is_not_told(of_example):
     screen, out, *_ = of_example
     figures = {path.stem for path in out.glob("*.png")}
@@ -96,7 +111,7 @@ def test_every_figure_is_drawn_and_what_a_row_lacks_is_not_told(of_example):
         *(f"mode_shapes_{i}" for i in (1, 2, 3)),
     }
     for path in out.glob("*.png"):
-        assert min(imread(path).shape[:2]) > 500
+        assert min(imread(path).shape[:2]) > 400
         assert str(path) in screen
     # What has no damper, gap or law is told without them.
     results = summary(of_example[1])["results"]

@@ -9,6 +9,7 @@ import jaxpound as jp
 from jaxpound.cli import design, files, montecarlo, report
 from jaxpound.cli.reading import File
 from jaxpound.model.places import link_places
+from jaxpound.plots import studies as plots
 from tests.cli.commands import changed, layout_of, refusal, run
 from tests.cli.written import number, summary, tables
 
@@ -82,6 +83,9 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     assert drawn["any link"].median == answers["fragility"]["pga"]["median"]
     assert answers["fragility"]["spectral_acceleration_1"]["unit"] == "m/s²"
     assert "![fragility of links](fragility_of_links.png)" in page
+    shown = plots.fragility(drawn["any link"], **report._axis(study, "pga"))
+    assert shown.get_xlabel() == "PGA (m/s²)"
+    assert f"= {answers['fragility']['pga']['median']:.3g} m/s²" in shown.lines[0].get_label()
     for figure in ("min_gap", "required_gap", "fragility_of_links", "correlations", "parameters"):
         assert (out / f"{figure}.png").exists()
 

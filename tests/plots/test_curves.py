@@ -92,9 +92,43 @@ def test_rods_and_links_are_drawn_over_their_elongation_and_slip_and_gaps_over_t
     np.testing.assert_array_equal(drawn(ax)["2–3, floor 1"][1], run.links[2].gap)
     smallest = float(run.min_gap)
     assert ax.lines[-1].get_ydata() == smallest
-    assert legend(ax)[2].replace("−", "-").startswith(f"min {smallest:.4g} at")
+    assert legend(ax)[2].replace("−", "-").startswith(f"min {smallest:.4g} $g/")
     both = plots.gaps({"one": run, "other": response(LINKS[:1])}, new_axes())
     assert sum(np.size(line.get_ydata()) == 5 for line in both.lines) == 3
+
+
+def test_loops_are_chosen_by_number_and_stand_in_panels_to_one_scale(legible):
+    """Of the first building alone the unit is still that of the largest force of all."""
+    run = linked((4, 3), displacement=lambda i, t: 1e4 * (i + 1) * np.sin(t))
+    run = dataclasses.replace(run, si=True, demand=dataclasses.replace(run.demand, si=True))
+    ax = plots.rod_hysteresis(run, new_axes(), [0, 5])
+    assert legend(ax) == ["storey 1 of building 1", "storey 2 of building 2"]
+    expected = np.array([run.rods[k].force for k in (0, 5)]) * 1e-3
+    np.testing.assert_allclose([line.get_ydata() for line in ax.lines], expected)
+    figure = plots.hysteresis(run)
+    names = [f"storey {s} of building {b}" for b, n in ((1, 4), (2, 3)) for s in range(1, n + 1)]
+    assert [ax.get_title() for ax in figure.axes] == names
+    assert len({(ax.get_xlim(), ax.get_ylim()) for ax in figure.axes}) == 1
+    assert not any(ax.get_legend() for ax in figure.axes)
+    for ax, rod, x in zip(figure.axes, run.rods, run.elongations, strict=True):
+        (loop,) = ax.lines
+        np.testing.assert_allclose(loop.get_data(), [x, 1e-3 * rod.force])
+    assert figure.get_supylabel() == "rod force $f$ (kN)"
+    legible(figure, [ax.title for ax in figure.axes])
+    links = plots.hysteresis(run, "friction", [2, 0])
+    assert [ax.get_title() for ax in links.axes] == ["1–2, floor 3", "1–2, floor 1"]
+    slip = links.axes[0].lines[0].get_xdata()
+    np.testing.assert_array_equal(slip, run.masses[2].x - run.masses[6].x)
+    many = linked((21, 21), ())
+    assert len(plots.hysteresis(many).axes) == 14  # every third of 42
+    bare = dataclasses.replace(run.links[0], slip_force=0.0)
+    half = dataclasses.replace(run, links=(bare, *run.links[1:]))
+    rule = r"rods = .* must be some of the rods to be drawn, from 0: \[0"
+    for chosen in ([7], [], [0.0]):
+        refused(rule, plots.rod_hysteresis, run, None, chosen)
+        refused(rule, plots.hysteresis, run, "rod", chosen)
+    refused(r"links = \(0,\) must be some of the links", plots.friction_hysteresis, half, None, [0])
+    refused("kind = 'rods' must be one of rod, friction", plots.hysteresis, run, "rods")
 
 
 def test_runs_and_batches_without_links_or_gaps_are_valid(ax):

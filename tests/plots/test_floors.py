@@ -10,7 +10,6 @@ import pytest
 import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.style import COLOURS, shades
-from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.floors import FloorDemands
 from tests.plots.runs import legend, new_axes
 from tests.refusals import refusals
@@ -32,10 +31,9 @@ TOUCHING = {"contact_left": np.array([7.0, 0.0, 1.0]), "contact_right": np.array
 def test_demands_of_a_floor_stand_where_they_are(ax):
     plots.envelope(floors(3), "acceleration", [3.0, 6.5, 10.0], ax)
     (line,) = ax.lines
-    in_g = np.array([3.0, 3.1, 3.2]) / STANDARD_GRAVITY
-    np.testing.assert_allclose(line.get_xydata(), np.stack([in_g, [3.0, 6.5, 10.0]], 1))
+    np.testing.assert_allclose(line.get_xydata(), [(3.0, 3.0), (3.1, 6.5), (3.2, 10.0)])
     assert line.get_color() == COLOURS["structure 1"]
-    assert ax.get_xlabel() == "absolute acceleration\npeak $|a|$ ($g$)"
+    assert ax.get_xlabel() == "absolute acceleration\npeak $|a|$ (m/s²)"
     assert ax.get_ylabel() == "height (m)"
     touching = dataclasses.replace(floors(3), **TOUCHING)
     # Zero at the ground; constant over a storey; the larger of both sides, where it acts.
@@ -55,7 +53,7 @@ def test_a_batch_is_a_median_and_a_band_and_forces_are_in_the_unit_of_their_labe
     runs = jax.tree.map(lambda x: x * rng.lognormal(size=(2, 20, 1)), floors(2))
     broken = jax.tree.map(lambda x: np.concatenate([x, np.full((2, 1, 2), np.nan)], 1), runs)
     plots.envelope(broken, "acceleration", ax=ax)
-    values = runs.acceleration.reshape(-1, 2) / STANDARD_GRAVITY
+    values = runs.acceleration.reshape(-1, 2)
     low, middle, high = np.quantile(values, [0.16, 0.5, 0.84], axis=0)
     np.testing.assert_allclose(ax.lines[0].get_xdata(), middle)
     (band,) = ax.collections
@@ -70,20 +68,43 @@ def test_a_batch_is_a_median_and_a_band_and_forces_are_in_the_unit_of_their_labe
     assert dimensionless.get_xlabel().endswith("($m_1 g$)")
 
 
-def test_envelopes_have_a_row_for_each_building_and_runs_are_compared_by_name():
-    figure = plots.envelopes((floors(4), floors(2, 1), floors(3, 2)), labels=["a", "b", "c"])
-    panels = np.reshape(figure.axes, (3, 5))
-    for row, name, colour in zip(panels, "abc", ("structure 1", "structure 2", None), strict=True):
-        assert row[0].get_ylabel() == f"{name}\nfloor"
-        if colour:
-            assert {line.get_color() for ax in row for line in ax.lines} == {COLOURS[colour]}
-    for column in panels.T:
-        assert len({ax.get_xlim() for ax in column}) == 1
-        assert [bool(ax.get_xlabel()) for ax in column] == [False, False, True]
-    assert panels[-1, -1].get_xlabel().startswith("contact force")
+def drawn_heights(ax):
+    """Where the points or steps of each line stand on the page."""
+    return [ax.transData.transform(line.get_xydata())[:, 1] for line in ax.lines]
+
+
+def test_floors_of_all_buildings_align_and_drift_is_that_of_the_table():
+    """Two buildings whose first two floors are at the same heights, which therefore collide."""
+    both = floors(4), floors(2, 1)
+    elevations = [[3.0, 6.0, 9.0, 12.0], [3.0, 6.0]]
+    figure = plots.envelopes(both, elevations, labels=["a", "b"])
+    figure.draw_without_rendering()
+    assert [text.get_text() for text in figure.legends[0].texts] == ["a", "b"]
+    assert figure.axes[0].get_ylabel() == "height (m)"
+    for ax in figure.axes[:-1]:
+        high, low = drawn_heights(ax)
+        np.testing.assert_allclose(low, high[: low.size])
+        assert [line.get_color() for line in ax.lines] == [
+            COLOURS[f"structure {b}"] for b in (1, 2)
+        ]
+    forces = [line.get_ydata() for line in figure.axes[-1].lines]  # beside those at their height
+    np.testing.assert_allclose(forces[1], forces[0][:2] - 0.36)
+    for ax in figure.axes:
+        ticks = [x for x in ax.get_xticks() if 0 <= x <= ax.get_xlim()[1]]
+        assert len(ticks) >= 3
+    heights = dataclasses.replace(both[0], heights=(3.0,) * 4)
+    (ratio,) = [ax for ax in plots.envelopes((heights,)).axes if "%" in ax.get_xlabel()]
+    assert ratio.get_xlabel() == "storey drift\npeak $|d|/h$ (%)"
+    np.testing.assert_allclose(ratio.lines[0].get_xdata()[::2], 100 * heights.drift_ratio)
+    compared = plots.envelopes({"with": both, "without": both}, elevations)
+    assert len({ax.get_ylim() for ax in compared.axes}) == 1
+    compared.draw_without_rendering()
+    assert np.ptp([ax.get_window_extent().height for ax in compared.axes]) < 0.01
+
+
+def test_runs_are_compared_by_name_in_a_row_for_each_building():
     without = plots.envelopes((floors(4, contact=False), floors(2, 1, contact=False)))
-    assert len(without.axes) == 8
-    assert without.axes[4].get_ylabel() == "building 2\nfloor"
+    assert len(without.axes) == 4
     runs = {name: (floors(3), floors(2, 1)) for name in ("without", "with")}
     figure = plots.envelopes(runs, [[3.0, 6.0, 9.0], [4.0, 8.0]])
     assert [text.get_text() for text in figure.legends[0].texts] == list(runs)
@@ -111,7 +132,7 @@ def test_ductility_is_that_of_the_buildings_that_yield(ax):
     assert ax.get_xlim() == (0, 1.08 * 4)
     assert ax.get_xlabel() == "ductility\npeak $\\mu$"
     figure = plots.envelopes(row[:2], heights[:2])
-    assert len(figure.axes) == 10  # a panel of each building, empty for the first
+    assert len(figure.axes) == 5  # the last of the building that yields alone
     assert len(plots.envelopes(row[:1]).axes) == 4
 
 
@@ -171,7 +192,7 @@ def test_mode_shapes_have_their_top_to_the_right_over_heights_or_floors(ax):
     assert ax.get_ylabel() == "height (m)"
     ax = plots.mode_shapes(jp.Storeys((1.0, 1.0), ROD), ax=new_axes())  # of which there are two
     assert len(legend(ax)) == 2
-    assert r"1/\omega_1" in legend(ax)[0]
+    assert r"$/\omega_1$, " in legend(ax)[0]
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), [0, 1, 2])
     tall, low = (jp.ShearBuilding.from_period(n, 2e5, 0.2 * n, 0.05, height=3.0) for n in (3, 2))
     ax = plots.mode_shapes(jp.Buildings((tall, low)), 2, new_axes())

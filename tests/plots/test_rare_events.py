@@ -25,7 +25,7 @@ def event(gap, probability, state=STATE):
 
 
 def test_a_design_earthquake_and_a_curve_of_probabilities(ax):
-    """Of a gap that closes, and of an acceleration, which is in g in SI units too."""
+    """Of a gap that closes, and of an acceleration, which is in m/s² in SI units."""
     closes, moves = event(0.2, 1e-3), event(0.3, 1e-3, ACCELERATION)
     earthquake = closes.design_earthquakes[0]
     response = jp.simulate(earthquake.structures, earthquake.ground, STATE.grid)
@@ -33,7 +33,8 @@ def test_a_design_earthquake_and_a_curve_of_probabilities(ax):
     above, below = rare_events.design_earthquake(closes).axes
     assert above.lines[0].get_ydata() == pytest.approx(np.asarray(response.ground_acceleration))
     assert below.lines[0].get_ydata() == pytest.approx(closing)
-    assert legend(below) == ["closing, 1–2, floor 1", "threshold", r"$t$ = 6, $\beta$ = 2.83"]
+    instant = r"$t$ = 6$/\omega_1$, $\beta$ = 2.83"
+    assert legend(below) == ["closing, 1–2, floor 1", "threshold", instant]
     _, below = rare_events.design_earthquake(closes, scales=SCALES).axes
     assert below.lines[0].get_ydata() == pytest.approx(closing * float(SCALES.length))
     assert below.lines[0].get_xdata()[-1] == pytest.approx(8.0 / 5.0)
@@ -42,9 +43,10 @@ def test_a_design_earthquake_and_a_curve_of_probabilities(ax):
     response = jp.simulate(earthquake.structures, earthquake.ground, STATE.grid)
     _, below = rare_events.design_earthquake(moves, scales=SCALES).axes
     series, threshold = (line.get_ydata() for line in below.lines[:2])
-    assert series == pytest.approx(np.asarray(response.absolute_accelerations[0]))
-    assert threshold[0] == pytest.approx(0.3)
-    assert below.get_ylabel() == "acceleration ($g$)"
+    unit = float(SCALES.gravity)
+    assert series == pytest.approx(unit * np.asarray(response.absolute_accelerations[0]))
+    assert threshold[0] == pytest.approx(0.3 * unit)
+    assert below.get_ylabel() == "acceleration (m/s²)"
     refused("number = 1 must be from 0 to 0", rare_events.design_earthquake, closes, 1)
     events = [event(0.4, 1e-5), event(0.2, 1e-3)]
     estimate, form = rare_events.probability_curve(events, ax).lines

@@ -132,6 +132,10 @@ def test_fragility_of_links_and_of_any_link_in_one_figure(ax):
     (black,) = (line for line in ax.lines if line.get_color() == COLOURS["ground"])
     assert (black.get_label(), black.get_linestyle()) == ("any link", "--")
     assert legend(ax) == [*drawn, "95 % band"]
+    ax.figure.draw_without_rendering()
+    assert ax.get_ylim() == (0, 1)
+    assert ax.get_legend().get_window_extent().y0 > ax.get_window_extent().y1
+    assert ax.get_window_extent().height > 0.55 * ax.figure.bbox.height
     assert sum(bool(band.get_paths()) for band in ax.collections) == 4
     ax = plots.fragility(curves(9), new_axes())
     assert legend(ax) == ["link 1", "link 9", "any link", "95 % band"]
@@ -147,7 +151,15 @@ def test_scatter_has_a_panel_for_each_pair_in_the_unit_of_the_study():
     x, y = figure.axes[3].lines[0].get_data()
     np.testing.assert_array_equal(x, found.parameters()["period_1"])
     np.testing.assert_array_equal(y, found["peak_f1"])
-    assert len(plots.scatter_matrix(found).axes) == 6
+    rank = found.correlations("peak_f1")["period_1"]
+    assert figure.axes[3].get_title() == f"rank corr. {rank:+.2f}".replace("-", "−")
+    medians, order = figure.axes[3].lines[1].get_ydata(), np.argsort(x)
+    ends = np.median(y[order[:5]]), np.median(y[order[-5:]])
+    np.testing.assert_allclose(medians[[0, -1]], ends)
+    # What chance alone gives is left out.
+    chosen = plots.scatter_matrix(found).axes
+    ranks = sorted(map(abs, found.correlations().values()), reverse=True)
+    assert len(chosen) == min(4, sum(rank > 1.96 / 50**0.5 for rank in ranks)) < len(ranks)
     refused("'mass' must be one of friction, amplitud", plots.scatter_matrix, found, names=["mass"])
     units = {
         "friction": (r"friction $\mu$ ($m_1 g$)", "friction (kN)", 1e-3 * SCALES.force),
