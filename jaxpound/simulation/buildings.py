@@ -79,7 +79,8 @@ def simulate_buildings(
         Duration of the run, s; by default the record's.
     dt
         Time step, s; by default the record's sample interval, or the largest 1/n of it, n whole,
-        with at least 50 steps in the shorter natural period and within half of the stability limit.
+        with at least 50 steps in the shorter natural period and within half of the stability limit;
+        it warns (``PlausibilityWarning``) if a small τ_f makes them 20 times as many as else.
     gravity
         g > 0, m/s².
     scheme, strict

@@ -241,10 +241,9 @@ def _begin(event: str, value: float, **_: Any) -> None:
 
 
 def _finish(event: str, duration_secs: float, **_: Any) -> None:
-    thread = threading.get_ident()
-    depth, _, note = _waits.get(thread, (0, 0.0, None))
-    if event in _EVENTS and depth:  # not that of a program begun before the listener
-        _waits[thread] = depth - 1, time.monotonic(), note
+    wait = _waits.get(threading.get_ident())
+    if event in _EVENTS and wait and wait[0]:  # not of a program begun before the listener
+        _waits[threading.get_ident()] = wait[0] - 1, time.monotonic(), wait[2]
 
 
 def _warn(thread: int) -> None:
