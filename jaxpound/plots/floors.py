@@ -153,7 +153,7 @@ def envelopes(
             of_row = ((profiles[name][b], [heights[b]] * len(runs), styles[b]) for b in row)
             lines = [line for of_building in of_row for line in zip(*of_building, strict=True)]
             _draw(ax, name, lines, elevations is not None, unit)
-            ax.locator_params(axis="x", nbins=4)
+            ax.locator_params(axis="x", nbins=4 if ax.get_xlim()[1] < 1000 else 3)
         setp(column, xlim=(0, max(ax.get_xlim()[1] for ax in column)))
     _over_height(panels[0, 0], max(heights, key=max), elevations is not None)
     for ax, words in zip(panels[:, 0], labels, strict=False):
