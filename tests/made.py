@@ -105,7 +105,7 @@ def row_response(row, time, displacement):
         masses=tuple(MassResponse(*motion, 1.0) for motion in zip(x, v, strict=True)),
         rods=tuple(map(RodResponse, forces, ends)),
         links=tuple(links),
-        demand=jp.Demand(masses=masses, rods=rods, links=tuple(of_links), pga=1.0, pgv=1.0),
+        demand=jp.Demand(masses, rods, tuple(of_links), pga=1.0, pgv=1.0, topology=system.topology),
     )
 
 

@@ -264,9 +264,9 @@ def test_modes_are_in_radians_per_second():
 
 def test_units_that_are_hardly_meant_are_warned_of():
     for changes, words in (
-        ({"friction": 100.0}, "links.0.friction = 100 N should be 0 or between"),
-        ({"gap": 9.0}, "links.0.gap = 9 m should be at most 5 times"),
-        ({"contact": jp.KelvinVoigt(2e3, 0.65)}, "links.0.contact: stiffness = 2000 N/m makes"),
+        ({"friction": 100.0}, "slip force = 100 N should be 0 or between"),
+        ({"gap": 9.0}, "gap = 9 m should be at most 5 times"),
+        ({"contact": jp.KelvinVoigt(2e3, 0.65)}, "stiffness = 2000 N/m makes"),
     ):
-        with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {words}"):
+        with pytest.warns(jp.PlausibilityWarning, match=rf"^Buildings: link 1–2, floor 1: {words}"):
             linked(**changes)

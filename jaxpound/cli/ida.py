@@ -192,7 +192,7 @@ def summary(
         **file.origin,
         "target": of_target,
         "measure": analysis.measure,
-        "demand": demand_in_words(analysis.demand, analysis.si),
+        "demand": demand_in_words(analysis.demand, analysis.si, analysis.topology),
         "threshold": analysis.threshold,
         "intensities": analysis.intensities.tolist(),
         "fractiles": dict(zip(("0.16", "0.5", "0.84"), analysis.fractiles().tolist(), strict=True)),

@@ -107,9 +107,10 @@ def _short_warnings(strict: bool) -> Iterator[None]:
     printed: set[str] = set()
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        if (line := as_line(message)) not in printed:
+        line = as_line(message)
+        if (key := re.sub(r"^\[\[.*? \((.*?)\):", r"link \1:", line)) not in printed:
             print("jaxpound: warning:", line, file=sys.stderr)
-            printed.add(line)
+            printed.add(key)
 
     with warnings.catch_warnings():
         warnings.simplefilter("error" if strict else "always", jp.PlausibilityWarning)

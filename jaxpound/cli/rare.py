@@ -21,6 +21,7 @@ from jaxpound.cli.parameters import Parameters, Uncertain, by_path
 from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, named, refused
 from jaxpound.cli.tables import Gap, require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
+from jaxpound.hazard.suite_runs import demand_in_words
 from jaxpound.reliability.run import choice, event_of, require_smooth
 from jaxpound.reliability.target import WITHOUT_JUMPS
 from jaxpound.results.named import REQUIRED_GAP, in_words, kind_of, unit_of
@@ -65,12 +66,6 @@ class LimitTable(Section):
         """The SI unit of the demand; empty for a pure number."""
         return unit_of(self.demand_name, si=True)
 
-    def __str__(self) -> str:
-        if self.lowest_threshold is None:
-            return "pounding"
-        threshold = f"{self.lowest_threshold:g} {self.unit}".rstrip()
-        return f"{in_words(self.demand_name)} of {threshold} or more"
-
 
 class EstimationTable(Section):
     """How the probability is estimated."""
@@ -95,6 +90,14 @@ class RareConfig(Uncertain, kw_only=True):
     limit: LimitTable = LimitTable()
     search: EstimationTable = EstimationTable()
     design: TargetSpec | None = None
+
+    @property
+    def event(self) -> str:
+        """The event in words."""
+        if (threshold := self.limit.lowest_threshold) is None:
+            return "pounding"
+        words = in_words(self.limit.demand_name, self.structures.system().topology)
+        return f"{words} of {f'{threshold:g} {self.limit.unit}'.rstrip()} or more"
 
     def dimensionless(self, threshold: float | None) -> float | None:
         """A threshold as one of the dimensionless system."""
@@ -272,7 +275,7 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
     times, shares = event.failures_by_instant
     return {
         **file.origin,
-        "event": str(limit),
+        "event": result.config.event,
         "demand": limit.demand_name,
         "unit": limit.unit,
         "random_numbers": event.limit_state.dimension,
@@ -304,10 +307,10 @@ def _numbers(threshold: float | None, event: jp.RareEvent) -> dict[str, Any]:
 
 def tables(result: RareResult) -> list[TextTable]:
     """The results for people, in SI units."""
-    limit, (of_event,) = result.config.limit, result.event._tables()
-    parts = [of_event._replace(title=f"Rare event: {limit}")]
+    config, (of_event,) = result.config, result.event._tables()
+    parts = [of_event._replace(title=f"Rare event: {config.event}")]
     if result.curve:
-        words = in_words(limit.demand_name) + (f" ({limit.unit})" if limit.unit else "")
+        words = demand_in_words(config.limit.demand_name, True, config.structures.system().topology)
         columns = (words, "probability", "95 % from", "to", "by FORM", "runs", "gradients")
         rows, notes = [], []
         for threshold, event in result.curve.items():

@@ -16,7 +16,6 @@ from jaxpound.model.places import link_places
 from jaxpound.model.shear_building import in_units
 from jaxpound.quantities import column
 from jaxpound.results.element_demands import RodDemand
-from jaxpound.results.floors import FloorDemands
 from jaxpound.results.impacts import ImpactSeries
 
 
@@ -184,23 +183,14 @@ def _columns(cls: type, only: str = "") -> dict[str, str]:
 
 
 def envelope(layout: BuildingsLayout, response: jp.Response) -> str:
-    """The envelope over the height of every building, floor by floor, as CSV.
-
-    ``series`` is the number of the floor in the names of the time series, such as x3_m.
-    """
-    names = _columns(FloorDemands)
-    columns = ["building", "floor", "series", "elevation_m", *names.values(), "drift_ratio"]
-    demand, rows = response.demand, []
-    yields = [*_columns(RodDemand, "yielding").values()] if demand.collapsed is not None else []
-    envelopes = jp.floor_demands(layout.structures, demand, layout.buildings)
-    for building, floors in zip(layout.buildings, envelopes, strict=True):
-        for i, mass in enumerate(floors.masses):
-            peaks = [getattr(floors, name)[i] for name in names]
-            storey = _of_storey(demand.rods[mass])
-            peaks += [floors.drift_ratio[i], *(storey.get(key, np.nan) for key in yields)]
-            numbers = map(float, [building.elevations[i], *peaks])
-            rows.append([floors.building + 1, i + 1, mass + 1, *numbers])
-    return csv_text(columns + yields, rows)
+    """The table of ``FloorDemands`` of all buildings, with what yields, as CSV."""
+    floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
+    tables = [dataclasses.replace(x, ductility=None).to_columns() for x in floors]
+    columns = {name: np.concatenate([x[name] for x in tables]).tolist() for name in tables[0]}
+    storeys = [_of_storey(response.demand.rods[mass]) for x in floors for mass in x.masses]
+    for key in _columns(RodDemand, "yielding").values() if any(storeys) else ():
+        columns[key] = [float(storey.get(key, np.nan)) for storey in storeys]
+    return csv_text([*columns], zip(*columns.values(), strict=True))
 
 
 def lines(results: dict[str, Any], checked_floors: str = "") -> list[str]:

@@ -12,6 +12,7 @@ from jaxpound.cli import buildings
 from jaxpound.cli.buildings import BlockSection, BuildingsLayout
 from jaxpound.cli.reading import File, Range, Section, named, refused
 from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, read_records
+from jaxpound.model.places import link_places
 from jaxpound.model.plausibility import doubts, too_wide
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.buildings import chosen_step, time_grid
@@ -48,7 +49,11 @@ class Structured(Section, dict=True):
         except ValueError as error:
             several = f"{rule} floors have several links, or velocity_friction"
             raise refused("[run] friction", several, friction) from error
-        warn("configuration", self.doubts(), strict=False)
+        places = link_places(self.structures.system().topology)
+        tables = zip(places, self.layout.tables if self.building else (), strict=False)
+        names = {f"link {place}": f"[[link]] {n} ({place})" for place, n in tables if n}
+        findings = (x.partition(": ") for x in self.doubts())
+        warn("configuration", ["".join((names.get(x, x), *more)) for x, *more in findings])
 
     def doubts(self) -> list[str]:
         """What is implausible in buildings, dampers and contact."""

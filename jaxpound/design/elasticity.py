@@ -20,7 +20,8 @@ from jaxpound.ground.plausibility import excessive, first_of, of_many, unseen
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.parameters import get, paths, put
 from jaxpound.model.system import Structures, gravity_of
-from jaxpound.results.named import unit_of
+from jaxpound.model.topology import Topology
+from jaxpound.results.named import in_words, unit_of
 from jaxpound.simulation.scheme import Scheme, imprecise, single_system
 from jaxpound.study.demands import demands_of
 
@@ -41,9 +42,11 @@ class Elasticities(Shown):
     """
     si: bool = False
     """Whether the demand is in SI units, as of ``Buildings``."""
+    topology: Topology | None = None
 
     def _tables(self) -> list[TextTable]:
-        y = f"{self.demand} = {self.value:.6g} {unit_of(self.demand, self.si)}".rstrip()
+        words, of_unit = in_words(self.demand, self.topology), unit_of(self.demand, self.si)
+        y = f"{words} = {self.value:.6g} {of_unit}".rstrip()
         ranked = sorted(self.values, key=lambda path: -abs(self.values[path]))
         rows = [(path, self.parameters[path], f"{self.values[path]:+.4f}") for path in ranked]
         return [TextTable(f"{y}; percent of it per percent of a parameter", (), rows)]
@@ -121,4 +124,5 @@ def elasticities(
             rule = "must be finite, which single precision and very strong motions may prevent"
             raise InvalidInput(owner, f"derivative of {demand} by {path}", f"{slope:.6g}", rule)
     relative = {path: float(x * slopes[path] / abs(y)) for path, x in variables.items()}
-    return Elasticities(demand, float(y), parameters, relative, gravity_of(structures) is not None)
+    about = gravity_of(structures) is not None, structures.system().topology
+    return Elasticities(demand, float(y), parameters, relative, *about)

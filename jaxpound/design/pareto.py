@@ -22,7 +22,7 @@ from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.model.system import Structures
 from jaxpound.quantities import unit
-from jaxpound.results.named import limited_demands, unit_of
+from jaxpound.results.named import in_words, limited_demands, unit_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.units import Scales
 
@@ -55,7 +55,8 @@ class ParetoFront(Shown):
         demand_unit = unit_of(self.price, first.trained.si)
         symbol = unit(first.objective_function.quantity, first.trained.si)
         objective = f"objective ({symbol})" if symbol else "objective"
-        columns = (f"{self.price} ({demand_unit})", objective, *first.space.names)
+        words = in_words(self.price, first.trained.topology)
+        columns = (f"{words} ({demand_unit})", objective, *first.space.names)
         rows = [(x.prices[self.price], x.objective, *x.values.values()) for x in self.designs]
         notes = [f"no design for a limit of {x:.5g} {demand_unit}" for x in self.infeasible]
         return [TextTable(f"Pareto front of {len(self.designs)} designs", columns, rows, notes)]

@@ -16,6 +16,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.hazard.capacities import CensoredRegression, regression
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns, demand_in_words
 from jaxpound.model.system import Structures
+from jaxpound.model.topology import Topology
 from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec, event_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility
@@ -44,6 +45,7 @@ class Cloud(Shown):
     """Whether demands are in SI units."""
     threshold: float | None = None
     """The threshold of the analysis, in the demand's unit, if there was one."""
+    topology: Topology | None = None
 
     @property
     def intercept(self) -> float:
@@ -91,7 +93,7 @@ class Cloud(Shown):
             measure=self.measure,
             source=f"from the regression of {reached.size} demands, {reached.sum()} of them at "
             "least the threshold",
-            event=event_in_words(self.name, threshold, self.si),
+            event=event_in_words(self.name, threshold, self.si, self.topology),
         )
 
     def _tables(self) -> list[TextTable]:
@@ -99,7 +101,8 @@ class Cloud(Shown):
         values = (self.intercept, self.slope, self.dispersion)
         names = ("intercept a", "slope b", "dispersion σ")
         n, bounds = len(self.intensity), int(self.censored.sum())
-        notes = [f"{demand_in_words(self.name, self.si)} of {n} records over {self.measure}"]
+        words = demand_in_words(self.name, self.si, self.topology)
+        notes = [f"{words} of {n} records over {self.measure}"]
         notes += [f"of {bounds} only a lower bound is known"] if bounds else []
         rows = list(zip(names, values, map(float, errors), strict=True))
         title = "Cloud: ln demand = a + b ln im + ε"
@@ -203,4 +206,5 @@ def cloud_analysis(
         demands = runs.demands(np.arange(len(im)), im)
     cloud = fit_cloud(im, demands, limit, measure=runs.intensity.words)
     threshold = runs.threshold if runs.threshold > 0 else None  # the gap at rest may be 0
-    return dataclasses.replace(cloud, name=runs.demand, si=runs.si, threshold=threshold)
+    about: Any = {"si": runs.si, "threshold": threshold, "topology": runs.topology}
+    return dataclasses.replace(cloud, name=runs.demand, **about)

@@ -19,6 +19,7 @@ from jaxpound.hazard.capacities import fit_capacities
 from jaxpound.hazard.stripes import Stripes
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
 from jaxpound.model.system import Structures
+from jaxpound.model.topology import Topology
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec, event_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility
@@ -51,6 +52,7 @@ class IncrementalDynamicAnalysis(Shown):
     """The measure of intensity, with its unit."""
     si: bool
     """Whether demands are in SI units."""
+    topology: Topology | None = None
 
     @property
     def factors(self) -> np.ndarray:
@@ -60,7 +62,7 @@ class IncrementalDynamicAnalysis(Shown):
     @property
     def stripes(self) -> Stripes:
         """The demands by intensity, for ``fit_fragility``."""
-        about = self.threshold, self.demand, self.measure, self.si
+        about = self.threshold, self.demand, self.measure, self.si, self.topology
         return Stripes(self.intensities, tuple(self.demands.T), *about)
 
     @property
@@ -80,7 +82,7 @@ class IncrementalDynamicAnalysis(Shown):
     def fragility(self) -> Fragility:
         """Lognormal fragility from the capacities, by ``fit_capacities``, with its errors."""
         curve = fit_capacities(self.capacities, self.intensities[-1], measure=self.measure)
-        event = event_in_words(self.demand, self.threshold, self.si)
+        event = event_in_words(self.demand, self.threshold, self.si, self.topology)
         return dataclasses.replace(curve, event=event)
 
     def _tables(self) -> list[TextTable]:
@@ -90,7 +92,7 @@ class IncrementalDynamicAnalysis(Shown):
             (name, im, *((c, factor) if np.isfinite(c) else (above, "-")))
             for name, (im, c, factor) in zip(self.names, numbers, strict=True)
         ]
-        words = suite_runs.demand_in_words(self.demand, self.si)
+        words = suite_runs.demand_in_words(self.demand, self.si, self.topology)
         n, reached = len(rows), int(np.isfinite(self.capacities).sum())
         capacity = f"first crossing on the ladder of {len(self.intensities)} intensities, refined"
         notes = [f"intensity: {self.measure}; demand: {words}, threshold {self.threshold:.4g}"]
@@ -225,7 +227,7 @@ def incremental_dynamic_analysis(
         runs.bar.set_postfix_str(f"{n} of {n} records")
     return IncrementalDynamicAnalysis(
         *(runs.suite.names, runs.intensity.unscaled, levels, demands[:, 1:], capacities),
-        *(runs.threshold, runs.demand, runs.intensity.words, runs.si),
+        *(runs.threshold, runs.demand, runs.intensity.words, runs.si, runs.topology),
     )
 
 

@@ -18,6 +18,7 @@ from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.hazard import suite_runs
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
 from jaxpound.model.system import Structures
+from jaxpound.model.topology import Topology
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec, event_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility, falls, fit_fragility
@@ -39,6 +40,7 @@ class Stripes(Shown):
     """The measure of intensity, with its unit."""
     si: bool = False
     """Whether demands are in SI units."""
+    topology: Topology | None = None
 
     @property
     def pounding(self) -> np.ndarray:
@@ -53,13 +55,13 @@ class Stripes(Shown):
     def fragility(self) -> Fragility:
         """``fit_fragility`` of the counts (Baker 2015, eq. 11), with its errors and warning."""
         curve = fit_fragility(self.intensities, self.pounding, self.trials, measure=self.measure)
-        event = event_in_words(self.demand, self.threshold, self.si)
+        event = event_in_words(self.demand, self.threshold, self.si, self.topology)
         return dataclasses.replace(curve, event=event)
 
     def _tables(self) -> list[TextTable]:
         data = zip(self.intensities, self.trials, self.pounding, self.demands, strict=True)
         rows = [(f"{im:.4g}", int(n), int(k), float(np.median(x))) for im, n, k, x in data]
-        words = suite_runs.demand_in_words(self.demand, self.si)
+        words = suite_runs.demand_in_words(self.demand, self.si, self.topology)
         columns = (self.measure, "records", "reach the threshold", f"median {words}")
         notes = [f"threshold {self.threshold:.4g}"]
         if fall := falls(self.intensities, self.pounding, self.trials):
@@ -123,4 +125,5 @@ def multiple_stripes(
     with runs.bar:
         demands = runs.demands(np.concatenate(rows_of), np.repeat(levels, sizes))
     parts = tuple(np.split(demands, np.cumsum(sizes)[:-1]))
-    return Stripes(levels, parts, runs.threshold, runs.demand, runs.intensity.words, runs.si)
+    about = runs.threshold, runs.demand, runs.intensity.words, runs.si, runs.topology
+    return Stripes(levels, parts, *about)

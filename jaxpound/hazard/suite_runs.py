@@ -25,6 +25,7 @@ from jaxpound.ground.plausibility import MOST_PGA, unseen
 from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, common_gap, is_closable, without_contact
+from jaxpound.model.topology import Topology
 from jaxpound.quantities import unit
 from jaxpound.results import named
 from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
@@ -140,10 +141,11 @@ def suite_to_run(owner: str, suite: RecordSuite, scales: Scales | None) -> Recor
     return RecordSuite(tuple(scales.to_dimensionless(record) for record in suite))
 
 
-def demand_in_words(name: str, si: bool) -> str:
+def demand_in_words(name: str, si: bool, topology: Topology | None = None) -> str:
     """An analysis's demand in words, with its unit."""
     kind = named.kind_of(name)
-    return f"{named.in_words(name)} ({unit(kind, si)})" if kind else named.in_words(name)
+    words = named.in_words(name, topology)
+    return f"{words} ({unit(kind, si)})" if kind else words
 
 
 class SuiteRuns:
@@ -216,7 +218,7 @@ class SuiteRuns:
                 self._finished[int(has_slope)][int(record), factor] = results
         self._part = part = runs_at_a_time() // 4  # runs after which a file is written
         self._programs = in_chunks(value, part), in_chunks(with_slope, part)
-        self._owner, self.si = owner, scales is not None
+        self._owner, self.si, self.topology = owner, scales is not None, system.topology
         self.bar = tqdm(unit=" runs", disable=not progress)
         # Called with the numbers of the records before each batch.
         self.before_batch: Callable[[Int[np.ndarray, " m"]], None] = lambda rows: None

@@ -17,7 +17,7 @@ from jaxpound._checks import Range, is_known_and_single
 from jaxpound._fields import unchecked
 from jaxpound.model.contact import KelvinVoigt, Newton
 from jaxpound.model.hysteresis import hysteresis_of
-from jaxpound.model.places import rod_places
+from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Link
 from jaxpound.model.topology import GROUND, stacks
 from jaxpound.quantities import SI, STANDARD_GRAVITY
@@ -198,10 +198,11 @@ def _links(
 ) -> list[tuple[tuple[str, str, str], Link]]:
     """The links in SI; before each the names of slip force, gap and law in messages."""
     is_pair, links = not hasattr(structures, "links"), []
-    for k, link in enumerate(structures.system().links):
-        names = ("friction_force", "gap", "contact")
-        if not is_pair:
-            names = (f"links.{k}.friction", f"links.{k}.gap", f"links.{k}.contact")
+    system = structures.system()
+    for place, link in zip(link_places(system.topology), system.links, strict=True):
+        names = (f"link {place}: slip force", f"link {place}: gap", f"link {place}")
+        if is_pair:
+            names = ("friction_force", "gap", "contact")
         numbers = {"friction": link.friction * scales.force, "gap": link.gap * scales.length}
         law = scales.contact_to_si(link.contact)
         links.append((names, unchecked(Link, ends=link.ends, contact=law, **numbers)))

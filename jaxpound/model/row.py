@@ -206,11 +206,12 @@ def floor_links(
     contact: ContactLaw | Newton | None = None,
     building: int | None = None,
 ) -> tuple[FloorLink, ...]:
-    """Equal links between neighbouring buildings at every common floor.
+    """Links between neighbouring buildings at every common floor.
 
-    Raises ``ValueError`` if there are fewer than two buildings, neighbours have no common floor, or
-    ``building`` has no neighbour on its right. Warns (``PlausibilityWarning``) of floors up to the
-    lower roof that get no gap: a ``FloorLink`` with ``next_floor`` joins floors that differ.
+    Raises ``ValueError`` if there are fewer than two buildings, neighbours have no common floor,
+    ``building`` has no neighbour on its right, or a list is not as long as the links. Warns
+    (``PlausibilityWarning``) of floors up to the lower roof that get no gap: a ``FloorLink`` with
+    ``next_floor`` joins floors that differ.
 
     Parameters
     ----------
@@ -219,7 +220,8 @@ def floor_links(
         floors are common if they have the same number; for two ``ShearBuilding`` instead, if their
         heights above the ground differ by at most 0.2 m, the thickness of a slab.
     friction, gap, contact
-        As in ``FloorLink``.
+        As in ``FloorLink``, of every link; or a list or an array with one for each link, from left
+        to right and from the ground up. (A tuple of gaps are those of two faces.)
     building
         The building on the left of the only gap that gets links; by default all gaps get them.
 
@@ -245,7 +247,14 @@ def floor_links(
         raise InvalidInput("floor_links", "building", repr(building), rule)
     lefts = range(last + 1) if building is None else [building]
     common = meeting_floors("floor_links", buildings, lefts, gap)
-    return tuple(FloorLink(*floors, friction, gap, contact) for floors in common)
+    n, between = len(common), {"friction": friction, "gap": gap, "contact": contact}
+    for name, x in between.items():
+        is_list = isinstance(x, list) or getattr(x, "ndim", 0) > 0
+        if is_list and len(x) != n:
+            rule = f"must be one for all links or {n}, one for each"
+            raise InvalidInput("floor_links", f"{name}, {len(x)} of them,", "", rule)
+        between[name] = x if is_list else [x] * n
+    return tuple(map(FloorLink, *zip(*common, strict=True), *between.values()))
 
 
 _SLAB = 0.2

@@ -138,7 +138,7 @@ def before_and_after(
     name = comparison.objective_function.demand if name is None else name
     columns = (("before", comparison.before, "residual"), ("after", comparison.after, "damper"))
     largest = max(float(np.abs(x[name]).max()) for _, x, _ in columns)
-    factor, words = house.demand_axis(name, comparison.si, largest)
+    factor, words = house.demand_axis(name, comparison.si, largest, comparison.topology)
     share = np.arange(1, len(comparison) + 1) / len(comparison)
     for when, x, colour in columns:
         ranked = factor * np.sort(x[name])
@@ -159,7 +159,8 @@ def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
     loosest = front.designs[0]
     over = front.over if isinstance(front.over, str) else f"worst {front.over:.0%}"
     largest, si = float(front.prices.max()), loosest.trained.si
-    factor, x_words = house.demand_axis(front.price, si, largest, f", {over}")
+    kind, x_words = kind_and_symbol(front.price, loosest.trained.topology)
+    factor, x_words = house.with_unit(f"{x_words}, {over}", kind, si, largest)
     objective_factor, y_words = _objective_axis(loosest, float(np.abs(front.objectives).max()))
     x, y = factor * front.prices, objective_factor * front.objectives
     ax.plot(x, y, "o-", color=COLOURS["damper"], markersize=3)
@@ -170,7 +171,7 @@ def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
 @in_house_style
 def tornado(found: Elasticities, ax: Axes | None = None) -> Axes:
     """Elasticities as bars, the twelve largest on top."""
-    words = f"% of {kind_and_symbol(found.demand)[1]}\nper % of the parameter"
+    words = f"% of {kind_and_symbol(found.demand, found.topology)[1]}\nper % of the parameter"
     return house.signed_bars(ax, found.values, words)
 
 

@@ -27,7 +27,7 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
     instance("curves", "analysis", analysis, IncrementalDynamicAnalysis)
     ax = new_axes(ax)
     shares = analysis.fractiles()
-    demand = in_words(analysis.demand), kind_of(analysis.demand)
+    demand = in_words(analysis.demand, analysis.topology), kind_of(analysis.demand)
     unit, words = house.with_unit(*demand, analysis.si, shares.max())
     im, limit, demands = analysis.intensities, unit * analysis.threshold, unit * analysis.demands
     for i, curve in enumerate(demands):
@@ -65,7 +65,7 @@ def cloud(found: Cloud, ax: Axes | None = None) -> Axes:
     instance("cloud", "found", found, Cloud)
     ax = new_axes(ax)
     im, demand, censored = found.intensity, found.demand, found.censored
-    name, kind = in_words(found.name), kind_of(found.name)
+    name, kind = in_words(found.name, found.topology), kind_of(found.name)
     unit, words = house.with_unit(name, kind, found.si, float(demand.max()))
     at = np.geomspace(im.min(), im.max(), 40)
     middle, spread = unit * found.median(at), np.exp(found.dispersion)

@@ -113,7 +113,8 @@ def probability_curve(
     factor, words = 1.0, "demand"
     if isinstance(demand, str):
         scale = float(scales.unit_of(kind_of(demand))) if scales else 1.0
-        factor, words = house.demand_axis(demand, scales is not None, scale * float(at.max()))
+        topology, largest = states[0].programs.nominal.system().topology, scale * float(at.max())
+        factor, words = house.demand_axis(demand, scales is not None, largest, topology)
         factor *= scale
     at = factor * at
     estimates = np.array([event.estimate[:3] for event in ranked])

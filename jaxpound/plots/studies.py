@@ -94,8 +94,9 @@ def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) 
 def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = None) -> Axes:
     """Probability that the required gap exceeds a gap, over that gap, with its 95 % interval.
 
-    ``rules_at`` marks a probability and the gaps of code rules at it (``Study.separation``).
+    ``rules_at`` marks a probability and the gaps of code rules at it (``separation``, of a pair).
     """
+    separation = None if rules_at is None else study.separation(rules_at)
     ax = new_axes(ax)
     order = np.argsort(study.finite("required_gap"))
     ranked, n = study.finite("required_gap")[order], order.size
@@ -109,7 +110,6 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     ax.fill_between(gaps, *estimates[:, 1:].T, label="95 % interval", **shade("damper"))
     ax.set_yscale("log")
     if rules_at is not None:
-        separation = study.separation(rules_at)
         words = f"probability {100 * rules_at:.3g} %"
         ax.axhline(rules_at, color=COLOURS["residual"], linewidth=0.7, label=words)
         for name, words, style in (
@@ -245,14 +245,16 @@ def scatter_matrix(
 def correlations(study: Study, ax: Axes | None = None, column: str = "required_gap") -> Axes:
     """Rank correlation of a column with the parameters as bars, the twelve largest on top."""
     finite = {k: v for k, v in study.correlations(column).items() if np.isfinite(v)}
-    return house.signed_bars(ax, finite, f"rank correlation with {kind_and_symbol(column)[1]}")
+    symbol = kind_and_symbol(column, study.topology)[1]
+    break_before = "\n" if "\n" in symbol else " "
+    return house.signed_bars(ax, finite, f"rank correlation with{break_before}{symbol}")
 
 
 @in_house_style
 def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
     """First-order and total Sobol indices as bars with intervals, the twelve largest on top."""
     totals = {name: estimate.value for name, estimate in indices.total.items()}
-    words = f"Sobol index of {kind_and_symbol(indices.demand)[1]}"
+    words = f"Sobol index of {kind_and_symbol(indices.demand, indices.topology)[1]}"
     ax, names, places = house.bars(ax, totals, words)
     for shift, name_of, by_name, colour in (
         (0.2, "first order", indices.first, house.CYCLE[0]),
@@ -290,4 +292,4 @@ def _axis(study: Study, column: str) -> tuple[float, str]:
     """Factor and name, with its unit, of a column on an axis."""
     moments = study.moments(column)
     peak = max(-moments.smallest, moments.largest)
-    return house.demand_axis(column, study.scales is not None, peak)
+    return house.demand_axis(column, study.scales is not None, peak, study.topology)

@@ -30,6 +30,7 @@ from jaxpound.model import parameters
 from jaxpound.model.row import Row
 from jaxpound.model.structures import AdjacentStructures, Storeys
 from jaxpound.model.system import System
+from jaxpound.model.topology import Topology
 from jaxpound.quantities import DIMENSIONLESS, SI
 from jaxpound.results.named import kind_and_symbol
 from jaxpound.scenarios.random_ground import WAVELET_KINDS
@@ -132,10 +133,10 @@ def with_unit(words: str, kind: str | None, si: bool, peak: float = 0.0) -> tupl
     return factor, f"{words} ({unit})"
 
 
-def demand_axis(name: str, si: bool, peak: float, over: str = "") -> tuple[float, str]:
+def demand_axis(name: str, si: bool, peak: float, topology: Topology | None) -> tuple[float, str]:
     """``with_unit`` of a demand, or another column of a study, by its name."""
-    kind, words = kind_and_symbol(name)
-    return with_unit(words + over, kind, si, peak)
+    kind, words = kind_and_symbol(name, topology)
+    return with_unit(words, kind, si, peak)
 
 
 def in_house_style(draw: Callable[P, R]) -> Callable[P, R]:

@@ -16,9 +16,9 @@ from jaxtyping import Array, Float
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import System, is_closable
 from jaxpound.model.topology import elongation, storey_rods
-from jaxpound.results.demand import Demand
+from jaxpound.results.demand import OF_CONTACTS, OF_FLOORS, Demand
 from jaxpound.results.elements import place_of
-from jaxpound.results.named import OF_CONTACTS, OF_FLOORS, REQUIRED_GAP
+from jaxpound.results.named import REQUIRED_GAP
 from jaxpound.simulation.rollout import ACCELERATIONS, POSITIONS, ROD_FORCES
 
 _PERIOD = 2 * np.pi  # of structure 1, in 1/ω1

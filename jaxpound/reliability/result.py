@@ -218,13 +218,12 @@ class RareEvent(Shown):
         state, threshold = self.limit_state, cast("float", self.limit_state.threshold)
         if not isinstance(state.demand, str):
             return f"demand ≥ {threshold:.4g}"
-        si = gravity_of(state.programs.nominal) is not None
-        return event_in_words(state.demand, threshold, si)
+        nominal = state.programs.nominal
+        si, topology = gravity_of(nominal) is not None, nominal.system().topology
+        return event_in_words(state.demand, threshold, si, topology)
 
     def _tables(self) -> list[TextTable]:
-        state = self.limit_state
-        name = state.demand if isinstance(state.demand, str) else "demand"
-        event = "pounding" if state.threshold is None else f"{name} >= {state.threshold:.6g}"
+        event = "pounding" if self.limit_state.threshold is None else self.event
         rows: list[tuple[str, Any]] = [
             ("probability", str(self.estimate)),
             ("coefficient of variation", f"{self.cov:.3g}"),

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import operator
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import jax
@@ -15,18 +16,27 @@ import numpy as np
 from jaxpound._checks import hint
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
-from jaxpound._fields import part, pytree_dataclass, quantities, quantity, static
+from jaxpound._fields import Quantity, part, pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.row import checked_floors
-from jaxpound.model.topology import Topology
+from jaxpound.model.topology import Topology, is_storey, storey_rods
 from jaxpound.quantities import column, unit
 from jaxpound.results import elements
 from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.elements import ByElement, Columnar, are_concrete, kind_in, place_of
 
+OF_FLOORS = ("peak_drift", "peak_acceleration")
+"""Demands of a storey and of a floor whose largest over all has the name without a number."""
+
+OF_YIELDING = ("ductility", "residual_drift", "dissipated_energy")
+"""Demands of a rod that yields whose largest over all has the name without a number."""
+
+OF_CONTACTS = ("peak_contact", "peak_impulse", "peak_penetration")
+"""Demands of a link whose largest over several links has the name without a number."""
+
 _OF_CONTACTS: dict[str, Callable[[Any, Any], Any]] = {
-    **dict.fromkeys(("peak_contact", "peak_impulse", "peak_penetration"), larger),
+    **dict.fromkeys(OF_CONTACTS, larger),
     **dict.fromkeys(("n_impacts", "contact_work"), operator.add),
     "first_impact_time": smaller,
 }
@@ -44,7 +54,9 @@ class Demand(ByElement, Columnar, Shown):
     for a single link ``min_gap_time``, ``slip_distance``, ``friction_work``, ``residual_offset``
     and ``soft_min_gap`` (for several ``min_gap_time_1`` and so on). As attributes only, of several
     links, such as the two faces of one, ``peak_contact``, ``peak_impulse`` and ``peak_penetration``
-    are the largest, ``n_impacts`` and ``contact_work`` the sums, ``first_impact_time`` the first.
+    are the largest, ``n_impacts`` and ``contact_work`` the sums, ``first_impact_time`` the first;
+    ``ductility``, ``residual_drift``, ``dissipated_energy``, ``peak_drift`` and, of floors,
+    ``peak_acceleration`` are the largest of all storeys that have one.
 
     Examples
     --------
@@ -130,6 +142,14 @@ class Demand(ByElement, Columnar, Shown):
             by_link = [value for x in self.links if (value := getattr(x, name)) is not None]
             if by_link:
                 return functools.reduce(_OF_CONTACTS[name], by_link)
+        if name in OF_FLOORS + OF_YIELDING and self.topology is not None:
+            has = {"yielding": [rod.ductility is not None for rod in self.rods], "contact": []}
+            members = members_over_all(self.topology, has).get(name, ())
+            values = [getattr(getattr(self, group)[i], field) for group, i, field in members]
+            if not values or any(x is None for x in values):
+                message = f"Demand has no {name!r}, the largest of all: no rod or mass here has one"
+                raise AttributeError(message, name=name, obj=self)
+            return functools.reduce(larger, values)
         return super().__getattr__(name)
 
     @property
@@ -221,7 +241,10 @@ class Demand(ByElement, Columnar, Shown):
         valid = {name: np.where(is_valid, x, 0.0) for name, x in scalars.items()}
         names = elements.without_idle_dampers(scalars, lambda name: float(valid[name].max()))
         scalars = {name: scalars[name] for name in names}
-        units = {name: (unit(kind_in(Demand, name), self.si), *self._where(name)) for name in names}
+        units = {
+            name: (unit(kind_in(Demand, name), self.si), words_of(name, self.topology))
+            for name in names
+        }
         if not batch:
             if not is_valid:
                 return TextTable(f"{title} ({unit_words}): an invalid run, every result is NaN")
@@ -239,20 +262,44 @@ class Demand(ByElement, Columnar, Shown):
             values = np.broadcast_to(x, batch)[is_valid]
             range_of_values = (float(f(values)) for f in (np.min, np.median, np.max))
             ranges.append((name, *range_of_values, *units[name]))
-        where = self._where("") and ("of",)
-        columns = ("", "smallest", "median", "largest", "unit", *where)
+        columns = ("", "smallest", "median", "largest", "unit", "in words")
         return TextTable(f"{title} ({unit_words})", columns, ranges, notes)
-
-    def _where(self, name: str) -> tuple[str, ...]:
-        """Place of a scalar's mass, rod or link; () for a pair, where numbers suffice."""
-        if self.topology is None or max(self.topology.n_masses, len(self.topology.links) + 1) < 3:
-            return ()
-        place = place_of(type(self), name)
-        of_all = len(self.topology.links) > 1 and name in ("min_gap", "min_gap_time")
-        if place is None or not place.group or of_all:
-            return ("",)
-        return (PLACES[place.group](self.topology)[place.element],)
 
 
 PLACES = {"masses": mass_places, "rods": rod_places, "links": link_places}
 """Names of places of the elements of each group."""
+
+
+def words_of(name: str, topology: Topology | None, quantity: Quantity | None = None) -> str:
+    """A scalar, or another ``quantity``, in words by floor, storey or link; "" if it is neither."""
+    place = place_of(Demand, name)
+    if (quantity := quantity or (place and place.quantity)) is None:
+        return ""
+    words, of_link_number, number = quantity.words.rpartition(" of link ")
+    if topology is not None and of_link_number:
+        return f"{words}, {PLACES['links'](topology)[int(number) - 1]}"
+    if topology is None or place is None or place.group not in ("masses", "rods"):
+        return quantity.words
+    where = PLACES[place.group](topology)[place.element]
+    words = quantity.words.rpartition(" of ")[0]
+    return f"{words if where.startswith('building') else words.replace('base ', '')} of {where}"
+
+
+def members_over_all(topology: Topology, has: Mapping[str, Sequence[bool]]) -> dict[str, Any]:
+    """Group, element and field of the demands that each name without a number is the largest of."""
+    members: dict[str, list[tuple[str, int, str]]] = {}
+    if any(map(is_storey, topology.rods)):
+        drift, acceleration = OF_FLOORS
+        # The drift of a storey above the ground is the displacement of its floor.
+        members[drift] = [
+            ("rods", r, drift) if is_storey(ends) else ("masses", max(ends), "peak_x")
+            for r in storey_rods(topology)
+            for ends in [topology.rods[r]]
+        ]
+        members[acceleration] = [("masses", i, acceleration) for i in topology.floor_masses]
+    if rods := [*itertools.compress(itertools.count(), has["yielding"])]:
+        members |= {name: [("rods", r, name) for r in rods] for name in OF_YIELDING}
+    links = [*itertools.compress(itertools.count(), has["contact"])]
+    if links and len(topology.links) > 1:
+        members |= {name: [("links", k, name) for k in links] for name in OF_CONTACTS}
+    return members

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import is_traced, require_folder
+from jaxpound._checks import did_you_mean, is_traced, require_folder
 from jaxpound._extras import require
 from jaxpound._fields import Quantity, quantities
 from jaxpound.model.topology import Topology
@@ -65,6 +65,8 @@ class ByElement:
             message = f"{type(self).__name__!r} object has no attribute {name!r}"
             if hasattr(vars(self).get("demand"), name):
                 message += f"; its demand has it: .demand.{name}"
+            elif name not in self._elements and name[:1] != "_":
+                message += f". {did_you_mean(name, dir(self))}".rstrip(". ")
             raise AttributeError(message, name=name, obj=self)
         group, i, field, quantity = place
         items = getattr(self, group)

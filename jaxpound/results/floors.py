@@ -16,16 +16,18 @@ from jaxpound.model.building import Building
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.system import Structures, as_tuple, gravity_of
 from jaxpound.model.topology import Topology, floors, is_storey, stacks
-from jaxpound.quantities import unit
+from jaxpound.quantities import column, unit
 from jaxpound.results.demand import Demand
-from jaxpound.results.elements import are_concrete, sizes_of
+from jaxpound.results.elements import Columnar, are_concrete, run_numbers, sizes_of
 
 
 @pytree_dataclass
-class FloorDemands(Shown):
+class FloorDemands(Columnar, Shown):
     """Peak demands of a building over its height, from the ground up.
 
     Each has the shape (..., n_floors) in the units of the ``Demand``; ``floor_demands`` makes them.
+    As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each floor of each run,
+    counted from 1; ``series`` is the floor's number in names such as ``peak_x3``.
     """
 
     building: int = static()
@@ -67,6 +69,19 @@ class FloorDemands(Shown):
     def contact(self) -> Any:
         """Largest force of contact on each floor, from either side."""
         return jnp.maximum(self.contact_left, self.contact_right)
+
+    def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        shape, n = np.shape(self.displacement), len(self.masses)
+        index: dict[str, Any] = {"building": self.building + 1, "floor": np.arange(1, n + 1)}
+        columns: dict[str, Any] = {"series": np.array(self.masses) + 1}
+        columns |= {"elevation_m": np.cumsum(self.heights)} if self.heights else {}
+        for name, x in quantities(FloorDemands).items():
+            columns[column(name, x.kind, self.si)] = getattr(self, name)
+        columns |= {"drift_ratio": self.drift_ratio} if self.heights and self.si else {}
+        columns |= {} if self.ductility is None else {"ductility": self.ductility}
+        for values in (index, columns):
+            values |= {name: np.broadcast_to(x, shape).ravel() for name, x in values.items()}
+        return run_numbers(shape[:-1], n) | index, columns
 
     def _tables(self) -> list[TextTable]:
         title = f"Building {self.building + 1}, floor by floor"

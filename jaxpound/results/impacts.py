@@ -36,6 +36,11 @@ class Impact(NamedTuple):
     between: str = ""
     """Where the link is, in words and numbers from 1: "1–2, floor 2"."""
 
+    def __repr__(self) -> str:
+        """Its fields, with ``between`` for the index ``link``, which counts from 0."""
+        fields = {"between": self.between} | self._asdict()
+        return f"Impact({', '.join(f'{x}={y!r}' for x, y in fields.items() if x != 'link')})"
+
 
 @pytree_dataclass
 class ImpactSeries:

@@ -24,9 +24,9 @@ from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import Link, Rod, System, is_closable
-from jaxpound.model.topology import GROUND, Topology, is_storey, storey_rods
+from jaxpound.model.topology import GROUND, Topology, is_storey
 from jaxpound.quantities import unit
-from jaxpound.results.demand import PLACES, Demand
+from jaxpound.results.demand import OF_FLOORS, OF_YIELDING, Demand, members_over_all, words_of
 from jaxpound.results.elements import columns_of, of_link, place_of, sizes_of
 
 REQUIRED_GAP = "required_gap"
@@ -34,15 +34,6 @@ REQUIRED_GAP = "required_gap"
 
 OVERLAP = "overlap"
 """Name of the demand in pounding where links differ in their gaps: the largest of −ξ."""
-
-OF_FLOORS = ("peak_drift", "peak_acceleration")
-"""Demands of a storey and of a floor whose largest over all has the name without a number."""
-
-OF_YIELDING = ("ductility", "residual_drift", "dissipated_energy")
-"""Demands of a rod that yields whose largest over all has the name without a number."""
-
-OF_CONTACTS = ("peak_contact", "peak_impulse", "peak_penetration")
-"""Demands of a link whose largest over several links has the name without a number."""
 
 DemandSpec = str | Callable[[Demand], Any]
 """A demand by its name, or a function of a run's ``Demand``."""
@@ -99,31 +90,28 @@ def in_words(name: str, topology: Topology | None = None) -> str:
 
     A topology calls masses, rods and links by floor and storey; else each mass is a building.
     """
-    place, quantity = place_of(Demand, name), quantity_named(name)
-    if quantity is None:
+    if (quantity := quantity_named(name)) is None:
         return name.replace("_", " ")
-    words, of_link_number, number = quantity.words.rpartition(" of link ")
-    if topology is not None and of_link_number:
-        return f"{words}, {PLACES['links'](topology)[int(number) - 1]}"
-    if topology is None or place is None or place.group not in ("masses", "rods"):
-        return quantity.words
-    where = PLACES[place.group](topology)[place.element]
-    words = quantity.words.rpartition(" of ")[0]
-    return f"{words if where.startswith('building') else words.replace('base ', '')} of {where}"
+    return words_of(name, topology, quantity)
 
 
-def event_in_words(name: str, threshold: float, si: bool) -> str:
+def event_in_words(name: str, threshold: float, si: bool, topology: Topology | None = None) -> str:
     """What the fragility of a demand is of: pounding, or that the demand reaches the threshold."""
     if name in (REQUIRED_GAP, OVERLAP):
         return "pounding"
-    return f"{in_words(name)} ≥ {threshold:.4g} {unit_of(name, si)}".rstrip()
+    return f"{in_words(name, topology)} ≥ {threshold:.4g} {unit_of(name, si)}".rstrip()
 
 
-def kind_and_symbol(name: str) -> tuple[str | None, str]:
-    """Kind of a demand and its name in a figure; of any other column None and its own name."""
+def kind_and_symbol(name: str, topology: Topology | None = None) -> tuple[str | None, str]:
+    """Kind of a demand and its name in a figure, where floors of a row are in words.
+
+    Of any other column None and its own name.
+    """
     quantity = quantity_named(name)
     if quantity is None or not quantity.symbol:
         return None, name.replace("_", " ")
+    if topology and (topology.n_masses > 2 or len(topology.links) > 1) and name[-1].isdigit():
+        return quantity.kind, re.sub(" (of .*)|(?<=,) ", r"\n\1", in_words(name, topology), count=1)
     return quantity.kind, quantity.symbol
 
 
@@ -156,7 +144,7 @@ def limited_demands(system: System) -> tuple[str, ...]:
         if quantity.limited:
             present = has[quantity.only] if quantity.only else itertools.repeat(True)
             names += itertools.compress(names_of, present)
-    return (*names, *_over_all(system))
+    return (*names, *members_over_all(topology, has))
 
 
 def inertances(system: System) -> list[Any]:
@@ -178,27 +166,6 @@ def _present(system: System) -> dict[str, list[bool]]:
     }
 
 
-def _over_all(system: System) -> dict[str, list[tuple[str, int, str]]]:
-    """Group, element and field of the demands that each name is the largest of."""
-    topology, has = system.topology, _present(system)
-    members: dict[str, list[tuple[str, int, str]]] = {}
-    if any(has["storey"]):
-        drift, acceleration = OF_FLOORS
-        # The drift of a storey above the ground is the displacement of its floor.
-        members[drift] = [
-            ("rods", r, drift) if is_storey(ends) else ("masses", max(ends), "peak_x")
-            for r in storey_rods(topology)
-            for ends in [topology.rods[r]]
-        ]
-        members[acceleration] = [("masses", i, acceleration) for i in topology.floor_masses]
-    if rods := [*itertools.compress(itertools.count(), has["yielding"])]:
-        members |= {name: [("rods", r, name) for r in rods] for name in OF_YIELDING}
-    links = [*itertools.compress(itertools.count(), has["contact"])]
-    if links and len(system.links) > 1:
-        members |= {name: [("links", k, name) for k in links] for name in OF_CONTACTS}
-    return members
-
-
 # The numbers of this pair do not matter.
 _RODS = tuple(Rod(ZenerRod(1.0, 1.0, 1.0), 1.0, ends=(mass, GROUND)) for mass in (0, 1))
 _PAIR = System((1.0, 1.0), _RODS, (Link((0, 1), gap=1.0, contact=Newton(1.0)),))
@@ -212,10 +179,8 @@ LIMITED_OF_PAIR = limited_demands(_PAIR)
 
 def over_all(system: System, demand: Demand) -> dict[str, Any]:
     """The largest demands of all storeys and floors, and of all contacts of several links."""
-    return {
-        name: reduce(larger, [getattr(getattr(demand, group)[i], x) for group, i, x in members])
-        for name, members in _over_all(system).items()
-    }
+    names = members_over_all(system.topology, _present(system))
+    return {name: getattr(demand, name) for name in names}
 
 
 def required_gaps(system: System, demand: Demand) -> dict[str, Any]:

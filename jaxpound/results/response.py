@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.places import link_places
+from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.topology import Ends, Topology, elongation, load_on
 from jaxpound.quantities import column, unit
 from jaxpound.results import elements
@@ -306,11 +306,12 @@ class Response(ByElement, Columnar, Shown):
         if d.links:
             closest = f"{d.min_gap:.6g} {length} at {d.min_gap_time:.6g} {second}"
             rows.append(("min gap", closest + ("   POUNDS" if d.pounds else "") + d.checked_floors))
-        accelerations = f"{_largest('a', d.flat('peak_acceleration'))} {acceleration}"
+        masses, rods = mass_places(self.topology), rod_places(self.topology)
+        accelerations = _largest("a", d.flat("peak_acceleration"), acceleration, masses)
         rows += [
-            ("displacement", f"{_largest('x', d.flat('peak_x'))} {length}"),
+            ("displacement", _largest("x", d.flat("peak_x"), length, masses)),
             ("acceleration", f"{accelerations}; of the ground {d.pga:.4g} {acceleration}"),
-            ("rod force", f"{_largest('f', d.flat('peak_force'))} {force}"),
+            ("rod force", _largest("f", d.flat("peak_force"), force, rods)),
         ]
         for k, (link, place) in enumerate(zip(d.links, link_places(self.topology), strict=True)):
             where = f" {place}" if len(d.links) > 1 else ""
@@ -328,13 +329,14 @@ class Response(ByElement, Columnar, Shown):
         return rows
 
 
-def _largest(letter: str, peak_by_name: dict[str, Any]) -> str:
-    """Peaks of a few elements one by one; of more only the largest."""
-    peaks = list(peak_by_name.values())
-    if len(peaks) <= 4:
-        return ", ".join(f"|{letter}{i}| ≤ {peak:.4g}" for i, peak in enumerate(peaks, 1))
+def _largest(letter: str, by_name: dict[str, Any], of_unit: str, places: tuple[str, ...]) -> str:
+    """Peaks of a pair one by one; of more elements only the largest, and where it is."""
+    peaks = list(by_name.values())
+    if len(peaks) <= 2:
+        both = ", ".join(f"|{letter}{i}| ≤ {peak:.4g}" for i, peak in enumerate(peaks, 1))
+        return f"{both} {of_unit}"
     i = int(np.argmax(peaks))
-    return f"|{letter}{i + 1}| ≤ {peaks[i]:.4g} is the largest,"
+    return f"largest {peaks[i]:.4g} {of_unit}, {places[i]}"
 
 
 def require_single(name: str, response: Response) -> None:

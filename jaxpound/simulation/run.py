@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -24,8 +24,9 @@ from jaxpound.ground.motion import Ground, GroundLike, require_ground
 from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.initial import InitialState, initial_rules
+from jaxpound.model.places import link_places
 from jaxpound.model.system import Link, Structures, System, gravity_of, is_closable
-from jaxpound.model.topology import GROUND
+from jaxpound.model.topology import GROUND, Topology
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response
@@ -317,16 +318,16 @@ def implausible_links(
     """Findings in contact laws and ``gaps``: those of buildings are checked before their runs.
 
     ``links`` are in the units of ``demand``; ``single_link_names`` those of gap and law of a single
-    link, by default links are numbered.
+    link, by default links are named by their ends.
     """
-    findings = []
-    for k, link in enumerate(links):
+    findings, places = [], link_places(cast("Topology", demand.topology))
+    for place, link, of_link in zip(places, links, demand.links, strict=True):
         if is_closable(link.gap):  # else no contact is meant
             displacement = sum(demand.masses[end].peak_x for end in link.ends if end != GROUND)
-            gap, law = single_link_names or (f"links.{k}.gap", f"links.{k}.contact")
+            gap, law = single_link_names or (f"link {place}: gap", f"link {place}")
             if gaps:
                 findings += far_apart(gap, link.gap, displacement, si=demand.si)
-            findings += too_deep(law, demand.links[k].peak_penetration, displacement, si=demand.si)
+            findings += too_deep(law, of_link.peak_penetration, displacement, si=demand.si)
     return findings
 
 

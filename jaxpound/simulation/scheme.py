@@ -292,8 +292,7 @@ def _part(topology: Topology, rod: int) -> str:
     ends = topology.rods[rod]
     if rod in storey_rods(topology) or ends not in topology.links:
         return rod_places(topology)[rod]
-    k = topology.links.index(ends)
-    return f"the damper of link {k + 1} ({link_places(topology)[k]})"
+    return f"the damper of link {link_places(topology)[topology.links.index(ends)]}"
 
 
 def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:

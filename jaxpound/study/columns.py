@@ -13,6 +13,7 @@ from jaxpound._checks import instance, number, real
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown
 from jaxpound.ground.measure import Measure
+from jaxpound.model.topology import Topology
 from jaxpound.quantities import unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import Columnar
@@ -66,8 +67,18 @@ class DemandColumns(Columnar, Shown):
     @property
     def demand(self) -> Demand:
         """All demands as a batch."""
-        columns = {name: self[name] for name in self.columns}
-        return Demand.of_columns(columns, si=self.scales is not None)
+        si, columns = self.scales is not None, {name: self[name] for name in self.columns}
+        return dataclasses.replace(Demand.of_columns(columns, si=si), topology=self.topology)
+
+    @property
+    def topology(self) -> Topology:
+        """Number of masses, and the ends of rods and links."""
+        if "topology" not in self.about:  # a store of an earlier version
+            raise ValueError("Study.topology: the store must be of this version; it lacks links")
+        # Lists if they were read from a file.
+        n_masses, rods, links, *tuned = self.about["topology"]
+        rods, links = (tuple((i, j) for i, j in ends) for ends in (rods, links))
+        return Topology(n_masses, rods, links, *map(tuple, tuned))
 
     def in_si(self, scales: Scales) -> Self:
         """The same study in SI units."""
@@ -86,7 +97,7 @@ class DemandColumns(Columnar, Shown):
         function = self.about["identity"]["measures"].get(name)
         if isinstance(function, dict) and isinstance(function.get("measure"), str):
             return Measure.of_text(function["measure"])
-        return Measure(in_words(name), self.unit(name))
+        return Measure(in_words(name, self.topology), self.unit(name))
 
     def _column(self, name: str) -> str:
         """The name of an existing column; an ``InvalidInput`` for any other name."""

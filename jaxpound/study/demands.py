@@ -13,6 +13,7 @@ from jaxpound._checks import instance
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import far_apart
+from jaxpound.model.places import link_places
 from jaxpound.model.system import Structures
 from jaxpound.model.topology import GROUND, Topology
 from jaxpound.results.elements import of_link
@@ -52,9 +53,10 @@ def unreached(
     infinite); ``pair`` says whether the structures call their gap ``initial_gap``.
     """
     findings = []
-    for k, ends in enumerate(topology.links):
+    for k, (ends, place) in enumerate(zip(topology.links, link_places(topology), strict=True)):
         gap, _ = extremes.get(of_link("min_gap", k, len(topology.links)), (np.inf, np.inf))
         if np.isfinite(gap):
             moved = sum(extremes[f"peak_x{end + 1}"][1] for end in ends if end != GROUND)
-            findings += far_apart("initial_gap" if pair else f"links.{k}.gap", gap, moved, si=si)
+            name = "initial_gap" if pair else f"link {place}: gap"
+            findings += far_apart(name, gap, moved, si=si)
     return findings

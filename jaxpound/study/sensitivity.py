@@ -14,6 +14,8 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.system import gravity_of
+from jaxpound.model.topology import Topology
+from jaxpound.results.named import in_words
 from jaxpound.scenarios.sampling import points
 from jaxpound.scenarios.scenarios import ScenarioSet, grounds_at, parameter_names, structures_of
 from jaxpound.simulation.batches import in_chunks
@@ -37,10 +39,11 @@ class Sensitivity(Shown):
     runs: int
     first: dict[str, Estimate]
     total: dict[str, Estimate]
+    topology: Topology | None = None
 
     def _tables(self) -> list[TextTable]:
         rows = [(name, str(x), str(self.total[name])) for name, x in self.first.items()]
-        title = f"Sobol indices of {self.demand} ({self.runs:,} runs)"
+        title = f"Sobol indices of {in_words(self.demand, self.topology)} ({self.runs:,} runs)"
         return [TextTable(title, ("parameter", "first order", "total"), rows)]
 
 
@@ -77,12 +80,13 @@ def sobol_sensitivity(
     owner = "sobol_sensitivity"
     findings = doubts(owner, scenarios, grid)
     instance(owner, "scheme", scheme, Scheme)
-    n, key = count(owner, "n", n), seed(owner, "key", key)
+    n, key, topologies = count(owner, "n", n), seed(owner, "key", key), list[Topology]()
     enforce(owner, [Rule("n", n, n >= 2 and n & (n - 1) == 0, "a power of 2, at least 2")])
     require_share(owner, "confidence", confidence)
 
     def run(z: Any) -> jax.Array:
         structures, ground = scenarios.realize(z)
+        topologies.append(structures.system().topology)
         values = demands_of(structures, ground, grid, scheme)
         if demand not in values:
             rule = f"must be one of {', '.join(values)}"
@@ -127,4 +131,4 @@ def sobol_sensitivity(
         {name: Estimate(*map(float, x)) for name, x in zip(names, of_order, strict=True)}
         for of_order in np.stack(values, axis=-1)
     )
-    return Sensitivity(demand, demands.size, first, total)
+    return Sensitivity(demand, demands.size, first, total, topologies[0])

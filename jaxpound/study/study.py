@@ -16,10 +16,9 @@ from jaxpound._errors import InvalidInput
 from jaxpound._tables import TextTable
 from jaxpound.model.places import link_places
 from jaxpound.model.row import checked_floors
-from jaxpound.model.topology import Topology
 from jaxpound.quantities import column
 from jaxpound.results.elements import of_link, without_idle_dampers
-from jaxpound.results.named import event_in_words
+from jaxpound.results.named import event_in_words, in_words
 from jaxpound.scenarios.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.store.archive import DamagedError
 from jaxpound.store.store import Store
@@ -98,16 +97,6 @@ class Study(DemandColumns):
         return Study(rows, about, total(moments.values()), parts, **more)
 
     @property
-    def topology(self) -> Topology:
-        """Number of masses, and the ends of rods and links."""
-        if "topology" not in self.about:  # a store of an earlier version
-            raise ValueError("Study.topology: the store must be of this version; it lacks links")
-        # Lists if they were read from a file.
-        n_masses, rods, links, *tuned = self.about["topology"]
-        rods, links = (tuple((i, j) for i, j in ends) for ends in (rods, links))
-        return Topology(n_masses, rods, links, *map(tuple, tuned))
-
-    @property
     def n_links(self) -> int:
         """Number of links."""
         return len(self.topology.links)
@@ -170,7 +159,7 @@ class Study(DemandColumns):
                 raise InvalidInput("fragility", "demand", repr(demand), rule)
             column = self[demand]
             pounding = np.where(np.isnan(column), np.nan, column >= threshold)
-            event = event_in_words(demand, threshold, self.scales is not None)
+            event = event_in_words(demand, threshold, self.scales is not None, self.topology)
         valid = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[valid]
         curve = fit_fragility(im[valid], pounding[valid] == 1, weights=weights)
@@ -237,7 +226,8 @@ class Study(DemandColumns):
         """
         require_share("separation", "probability", probability)
         if (oscillators := self.about["oscillators"]) is None:
-            rule = "must be a pair: two buildings of one storey and one link, which has a gap"
+            rule = "must be a pair: two buildings of one storey and one link, which has a gap; for "
+            rule += "a row, en_1998_gap takes the quantiles of peak_x of both floors of a link"
             raise InvalidInput("Study.separation", "structures", "", rule)
         u1, u2 = (self.quantile(f"peak_x{i}", 1 - probability).value for i in (1, 2))
         rho = double_difference_correlation(*oscillators)
@@ -295,9 +285,12 @@ class Study(DemandColumns):
 
     def _tables(self) -> list[TextTable]:
         moments = [(name, self.moments(name)) for name in self.told()]
-        rows = [(x, m.mean, m.std, m.smallest, m.largest, self.unit(x)) for x, m in moments]
+        rows = [
+            (x, m.mean, m.std, m.smallest, m.largest, self.unit(x), in_words(x, self.topology))
+            for x, m in moments
+        ]
         units = "dimensionless" if self.scales is None else "SI"
         units += ", weighted" * (self.weighting is not None)
         title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"
-        columns = ("", "mean", "standard deviation", "smallest", "largest", "unit")
+        columns = ("", "mean", "standard deviation", "smallest", "largest", "unit", "in words")
         return [TextTable(title, columns, rows, digits=4)]

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import warnings
 from time import sleep
 
 import pytest
@@ -207,3 +208,11 @@ def test_nobody_reads_what_is_printed(options):
         process.stdout.close()
         assert process.stderr.read() == ""
         assert process.wait(60) == 141
+
+
+def test_a_link_is_warned_of_once_by_its_table_in_the_file(capsys):
+    with cli._short_warnings(strict=False):
+        for name in ("configuration: [[link]] 3 (1–2, floor 5)", "simulate_row: link 1–2, floor 5"):
+            warnings.warn(jp.PlausibilityWarning(f"{name}: gap = 9 m"), stacklevel=1)
+    error = capsys.readouterr().err
+    assert error == "jaxpound: warning: [[link]] 3 (1–2, floor 5): gap = 9 m\n"

@@ -155,7 +155,7 @@ def test_pounding_is_the_closing_of_the_gap(changes, searches, monkeypatch):
     found = rare.searched(file, given, state)
     assert len(states) == searches
     assert (found.event is [*found.curve.values()][-1]) == (searches == 3)
-    assert str(given.limit) == "pounding"
+    assert given.event == "pounding"
 
 
 def test_a_row_and_another_demand():

@@ -43,6 +43,14 @@ def test_the_example_is_the_library_s_row():
     assert layout.tables == (1, 1, 2, 3)
 
 
+def test_a_warning_names_the_table_of_a_link_and_its_floors():
+    links = ("building = 2\nfloors = 'common'", "building = 2\nfloor = 2\nnext_building = 2")
+    of_first = f"[[link]]\n{links[0]}\nfriction_force = 1e5\n"
+    says = r"^configuration: \[\[link\]\] 2 \(in 2, floors 1–2\): slip force = 1 N should be 0 or"
+    with pytest.warns(jp.PlausibilityWarning, match=says):
+        layout_of(f"{THREE}{of_first}[[link]]\n{links[1]}\nfriction_force = 1")
+
+
 @pytest.mark.parametrize(
     ("keys", "expected"),
     [

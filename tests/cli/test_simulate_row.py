@@ -5,7 +5,7 @@ import pytest
 from matplotlib.image import imread
 
 import jaxpound as jp
-from jaxpound.cli import files
+from jaxpound.cli import files, simulate
 from jaxpound.cli.results import lines
 from jaxpound.model.places import rod_places
 from tests.cli.commands import changed, simulated
@@ -74,6 +74,11 @@ def test_series_have_all_floors_and_the_envelope_their_peaks(of_example):
     assert [(int(x["building"]) - 1, int(x["floor"]) - 1) for x in floors] == places
     demands = jp.floor_demands(layout.structures, response.demand, layout.si.buildings)
     assert "drift ratio (%)" in str(demands[0])
+    for b, table in enumerate(demands):
+        table.to_csv(out / "table.csv")
+        expected = [row for row, (i, _) in zip(floors, places, strict=True) if i == b]
+        for of_api, row in zip(csv_rows(out / "table.csv"), expected, strict=True):
+            assert {x: float(y) for x, y in of_api.items()} == {x: float(y) for x, y in row.items()}
     for row, (b, i) in zip(floors, places, strict=True):
         assert float(row["elevation_m"]) == layout.si.buildings[b].elevations[i]
         x = series[f"x{row['series']}_m"]

@@ -37,11 +37,14 @@ def test_elasticities_are_relative_derivatives():
     assert found.values["initial_gap"] == 0
     sizes = [abs(float(line.split()[-1])) for line in repr(found).splitlines()[1:]]
     assert sizes == sorted(sizes, reverse=True)
-    assert assert_shown(found)[0].startswith(f"peak_x1 = {found.value:.6g} g/ω1²; percent of it")
+    assert assert_shown(found)[0].startswith(
+        f"peak displacement of building 1 = {found.value:.6g} g/ω1²; percent of it"
+    )
 
 
 def test_one_earthquake_is_an_ensemble_of_one_and_must_be_resolved():
     alone = jp.elasticities(PAPER, GROUNDS[0], GRID)
+    assert str(alone).startswith("smallest gap = ")
     run = jp.demand(PAPER, GROUNDS[0], GRID, only=["min_gap"])
     assert alone.value == pytest.approx(float(run.min_gap))
     assert alone.values["initial_gap"] == pytest.approx(1 / float(run.min_gap))

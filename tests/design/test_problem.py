@@ -8,7 +8,8 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.design.problem import DesignProblem
-from jaxpound.results.named import LIMITED_OF_PAIR, OF_CONTACTS, limited_demands
+from jaxpound.results.demand import OF_CONTACTS
+from jaxpound.results.named import LIMITED_OF_PAIR, limited_demands
 from tests.refusals import refused
 from tests.study.test_demands import GRID, OPEN, SYSTEM, linked
 

@@ -8,7 +8,9 @@ import pytest
 import jaxpound as jp
 from jaxpound.hazard import suite_runs
 from jaxpound.hazard.ida import Brackets, by_newton, by_sections
+from jaxpound.plots import ida as plots
 from tests.ground.test_suite import SUITE
+from tests.made import row_of
 from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 
@@ -31,6 +33,7 @@ def test_demands_of_linear_buildings_are_proportional_and_capacities_those_of_si
     np.testing.assert_allclose(linear.unscaled, SUITE.pgas)
     assert linear.threshold == pytest.approx(GAP)
     assert linear.returning == ()
+    assert linear.topology == linear.stripes.topology == PAIR.system().topology
     # Of buildings in SI units, by itself: the record scaled by its factor just closes the gap.
     record = SUITE.scaled(linear.factors)[0]
     dt = float(SUITE[1].dt)  # the shortest of the suite is that of the common grid
@@ -224,3 +227,13 @@ test_wrong_arguments_are_named = refusals(
     of=lambda changed: analysed(**changed),
     before="^(incremental_dynamic_analysis|RecordSuite): .*",
 )
+
+
+def test_a_demand_of_a_row_is_told_by_its_floor(linear):
+    topology = row_of((3, 2), ()).system().topology
+    of_row = dataclasses.replace(linear, demand="peak_x5", topology=topology)
+    words = "peak displacement of floor 2 of building 2"
+    event = f"{words} ≥ 0.02 m"
+    assert f"demand: {words} (m)" in str(of_row)
+    assert of_row.fragility().event == of_row.stripes.fragility().event == event
+    assert plots.curves(of_row).get_xlabel() == f"{words} (m)"

@@ -60,6 +60,18 @@ def test_common_floors_are_those_of_one_number_or_one_height_and_have_links_of_o
     links = dampers + jp.floor_links(three, building=1, gap=0.2)
     assert [str(link) for link in links] == [str(link) for link in jp.floor_links(three)]
     assert [float(link.friction) for link in links] == [0.1, 0.1, 0.0, 0.0]
+    gaps, laws = [0.1, (0.2, 0.3), 0.4, 0.5], [jp.Newton(x) for x in (0.1, 0.2, 0.3, 0.4)]
+    listed = jp.floor_links(three, friction=np.arange(4.0), gap=gaps, contact=laws)
+    assert [float(link.friction) for link in listed] == [0.0, 1.0, 2.0, 3.0]
+    assert [link.gap for link in listed] == gaps
+    assert [link.contact for link in listed] == laws
+    both = jp.floor_links(three, gap=(0.2, 0.3))  # a tuple is of two faces
+    assert [link.gap for link in both] == [(0.2, 0.3)] * 4
+    slopes = jax.grad(lambda mu: sum(x.friction**2 for x in jp.floor_links(three, friction=mu)))
+    np.testing.assert_array_equal(slopes(np.arange(4.0)), 2 * np.arange(4.0))
+    for name, x in {"friction": np.ones(3), "gap": [0.1] * 5, "contact": laws[:1]}.items():
+        words = f"{name}, {len(x)} of them, must be one for all links or 4, one for each"
+        refused(words, jp.floor_links, three, **{name: x})
     for building in (2, -1, 1.0, (0, 1)):
         refused("building = .* must be from 0 to 1, a bu", jp.floor_links, three, building=building)
 

@@ -239,6 +239,12 @@ def test_floors_of_a_batch_are_those_of_its_runs():
         return jp.floor_demands(row, found)
 
     both = jax.vmap(floors)(amplitudes)
+    table = both[2].to_pandas()  # of the third building: each floor of each run
+    assert table.index.names == ["run", "building", "floor"]
+    assert table.index.tolist() == [(0, 3, 1), (0, 3, 2), (1, 3, 1), (1, 3, 2)]
+    assert table["series"].tolist() == [4, 5, 4, 5]
+    np.testing.assert_array_equal(table["shear"], np.ravel(both[2].shear))
+    assert [*both[1].to_columns()][:5] == ["run", "building", "floor", "series", "displacement"]
     assert [one.shear.shape for one in both] == [(2, 2), (2, 1), (2, 2)]
     alone = floors(amplitudes[1])
     for one, other in zip(jax.tree.leaves(both), jax.tree.leaves(alone), strict=True):

@@ -130,6 +130,17 @@ def test_before_it_yields_a_rod_is_the_fractional_rod_to_rounding():
     assert float(yielding.demand.first_yield_time_2) == np.inf
     assert jp.floor_demands(buildings[0], plain.demand)[0].ductility is None
     (floors,) = jp.floor_demands(buildings[1], yielding.demand)
+    parts = yielding.demand.rods, yielding.demand.rods, yielding.demand.masses
+    names = "ductility", "dissipated_energy", "peak_acceleration"
+    for name, elements in zip(names, parts, strict=True):
+        largest = max(float(getattr(x, name)) for x in elements)
+        assert float(getattr(yielding.demand, name)) == largest
+    drifts = yielding.demand.peak_x1, yielding.demand.peak_drift_2
+    assert float(yielding.demand.peak_drift) == float(plain.demand.peak_drift) == max(drifts)
+    with pytest.raises(AttributeError, match="Demand has no 'ductility', the largest of all: no"):
+        _ = plain.demand.ductility
+    with pytest.raises(AttributeError, match=r"no attribute 'peak_x'\. did you mean 'peak_x2'"):
+        _ = plain.demand.peak_x
     np.testing.assert_array_equal(floors.ductility, [x.ductility for x in yielding.demand.rods])
 
 

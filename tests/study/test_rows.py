@@ -9,7 +9,8 @@ import pytest
 from scipy import stats
 
 import jaxpound as jp
-from jaxpound.results.named import OF_CONTACTS, over_all, required_gaps
+from jaxpound.results.demand import OF_CONTACTS
+from jaxpound.results.named import over_all, required_gaps
 from jaxpound.study.statistics import quantile
 from tests.refusals import refusals, refused
 from tests.rows import GAPS, GRID, ROW, WAVES, touching
@@ -62,6 +63,15 @@ def test_gaps_and_pounding_are_those_of_one_link_or_of_any_in_a_table(study, fol
     np.testing.assert_array_equal(study["peak_drift"], np.max(drifts, axis=0))
     accelerations = [study[f"peak_acceleration_{i}"] for i in range(1, 5)]
     np.testing.assert_array_equal(study["peak_acceleration"], np.max(accelerations, axis=0))
+    np.testing.assert_array_equal(study.demand.peak_drift, study["peak_drift"])
+    (line,) = (x for x in repr(study).splitlines() if x.split()[0] == "peak_x4")
+    assert line.endswith("  peak displacement of floor 2 of building 2")
+    curve = study.fragility("pgv", demand="peak_x4", threshold=np.median(study["peak_x4"]))
+    assert curve.event.startswith("peak displacement of floor 2 of building 2 ≥ ")
+    words = (
+        "must be a pair: .*; for a row, en_1998_gap takes the quantiles of peak_x of both floors"
+    )
+    refused(words, study.separation, 0.1)
     assert study.demand.rods[1].peak_drift.shape == (64,)
     scales = jp.Scales(mass=500e3, frequency=7.0)
     for one in (study, jp.Study.open(folder)):
@@ -131,7 +141,9 @@ def test_links_that_are_not_there_or_far_are_named(study, folder):
     refused(r"^pounding: gap = -1 must be finite and not negative", study.pounding, -1.0)
     lower, upper = ROW.links
     far = dataclasses.replace(ROW, links=(lower, dataclasses.replace(upper, gap=1e3)))
-    with pytest.warns(jp.PlausibilityWarning, match=r"^monte_carlo: links\.1\.gap = \d+\S* g/ω1²"):
+    with pytest.warns(
+        jp.PlausibilityWarning, match=r"^monte_carlo: link 1–2, floor 2: gap = \d+\S* g/ω1²"
+    ):
         jp.monte_carlo(jp.Scenarios(far, WAVES), 16, GRID, chunk_size=32, progress=False)
 
 

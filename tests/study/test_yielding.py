@@ -29,6 +29,7 @@ def test_random_strengths_make_a_fragility_by_ductility():
     assert 0.2 < share < 0.8
     assert curve.probability(study["pga"]).mean() == pytest.approx(share, abs=0.03)
     assert study.correlations("ductility")[STRENGTH.replace("*", "0")] < 0
+    np.testing.assert_array_equal(study.demand.ductility, study["ductility"])
     refused("must have a threshold", study.fragility, demand="ductility")
 
 
