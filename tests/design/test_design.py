@@ -454,7 +454,11 @@ def test_a_front_of_limits_runs_one_program(stand_in, monkeypatch):
     np.testing.assert_allclose(front.objectives, best, atol=2e-4)
     assert (np.diff(front.objectives) > 0).all()
     shown = assert_shown(front)
-    assert shown[:3] == ["Pareto front of 4 designs", "damper_force (m1 g)", "objective (g/ω1²)"]
+    assert shown[:3] == [
+        "Pareto front of 4 designs",
+        "slip force of the damper (m1 g)",
+        "objective (g/ω1²)",
+    ]
     numbers = [front.prices[0], front.objectives[0], *front.designs[0].values.values()]
     assert shown[5:9] == [f"{x:.5g}" for x in numbers]
 
