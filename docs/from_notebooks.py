@@ -6,9 +6,9 @@ the script beside this file; in the place of the code is then the picture, such 
 which the function of the same name draws. ``notebook-list`` has a line ``NOTEBOOK | code`` for each
 notebook; what it says of a notebook is the notebook's own title and purpose.
 
-``python docs/from_notebooks.py`` takes live sliders out of the notebooks that have just been run:
-an exported page, which cannot run them, leaves their place blank, and shows the picture beside them
-once they are gone.
+``python docs/from_notebooks.py`` takes live sliders out of the notebooks that have just been run: an
+exported page, which cannot run them, leaves their place blank, and shows the picture beside them
+once they are gone. It also takes out the notes on compilation, which depend on the machine.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ PAGES = {  # what a file at the repository's top is among the pages
     ROOT / "CONTRIBUTING.md": HERE / "contributing.md",
 }
 SCRIPT = "pictures.py"
+COMPILING = "jaxpound: tracing and compiling a program"
 SLIDERS = "application/vnd.jupyter.widget-view+json"
 _LINK = re.compile(r"(\]\(\s*<?|\bsrc=\")(?![a-zA-Z][\w+.-]*:|[#/])([^)\s>\"#]+)")
 
@@ -191,9 +192,11 @@ def slug(heading: str) -> str:
 
 
 def still(notebook: Any) -> Any:
-    """The notebook without live sliders; a picture stands for each of them."""
+    """The notebook without notes on compilation, and with a picture for each live slider."""
     notebook.metadata.pop("widgets", None)
     for cell in notebook.cells:
+        if "outputs" in cell:
+            cell.outputs = [x for x in cell.outputs if COMPILING not in x.get("text", "")]
         for output in cell.get("outputs", []):
             if output.get("data", {}).pop(SLIDERS, None) and "image/png" not in output.data:
                 raise ValueError(f"{cell.source!r} must have a picture beside its sliders")
