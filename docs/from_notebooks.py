@@ -6,8 +6,8 @@ the script beside this file; in the place of the code is then the picture, such 
 which the function of the same name draws. ``notebook-list`` has a line ``NOTEBOOK | code`` for each
 notebook; what it says of a notebook is the notebook's own title and purpose.
 
-``python docs/from_notebooks.py`` takes live sliders out of the notebooks that have just been run: an
-exported page, which cannot run them, leaves their place blank, and shows the picture beside them
+``python docs/from_notebooks.py`` takes live sliders out of the notebooks that have just been run:
+an exported page, which cannot run them, leaves their place blank, and shows the picture beside them
 once they are gone. It also takes out the notes on compilation, which depend on the machine.
 """
 

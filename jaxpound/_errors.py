@@ -51,10 +51,10 @@ class PlausibilityWarning(UserWarning):
     """Input that the time grid does not resolve, or that is implausible: see ``simulate``."""
 
 
-def resumable(argument: str, contents: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator of a function that goes on from what it has stored: Ctrl-C says what is kept.
+def resumable(argument: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator of a function that goes on from the file or folder of an argument, by keyword.
 
-    ``argument`` is the keyword of the folder or file, ``contents`` what is kept there.
+    Ctrl-C says in one line what is kept there.
     """
 
     def decorated(function: Callable[P, R]) -> Callable[P, R]:
@@ -67,7 +67,7 @@ def resumable(argument: str, contents: str) -> Callable[[Callable[P, R]], Callab
                     raise
                 kept = f"nothing is kept, as there is no {argument}"
                 if (path := kwargs.get(argument)) is not None:
-                    kept = f"{contents} are kept in {path}, and the same call goes on from there"
+                    kept = f"what was finished is kept in {path}, and the same call goes on"
                 raise KeyboardInterrupt(f"{function.__name__}: interrupted; {kept}") from None
 
         return call

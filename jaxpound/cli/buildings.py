@@ -129,7 +129,7 @@ class StoreySection(Section):
     def model(self) -> jp.ShearBuilding:
         """The library's ``ShearBuilding``."""
         values = self.stated()
-        with named("", UNITS):
+        with named("", UNITS, {"storey_mass": "mass"}):
             if "masses" in values:
                 n_tuned = values.pop("tuned_masses", 0)
                 return dataclasses.replace(jp.ShearBuilding.of_storeys(**values), n_tuned=n_tuned)

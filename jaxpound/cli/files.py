@@ -38,10 +38,7 @@ FORMS = ("pair", "row")
 
 
 def example(command: str, form: str = "pair") -> str:
-    """The documented example configuration of a command, in one of the ``FORMS``, as text.
-
-    Its example of a record is the form "record".
-    """
+    """The documented example of a command, a configuration by its form or the "record", as text."""
     name = command if form == "pair" else f"{command}_{form}"
     ending = "at2" if form == "record" else "toml"
     return (resources.files("jaxpound.cli") / f"{name}.{ending}").read_text(encoding="utf-8")

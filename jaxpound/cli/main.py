@@ -169,16 +169,7 @@ def _example(words: str, forms: Sequence[str] = FORMS) -> Argument:
     return "--example-config", {"help": f"print {words}", **options}
 
 
-_EXAMPLE_RECORD: Argument = (
-    "--example-record",
-    {
-        "help": "print a random motion of 25 s as a file AT2 and exit",
-        "nargs": 0,
-        "action": _PrintExample,
-        "const": "record",
-        "dest": argparse.SUPPRESS,
-    },
-)
+_MOTION = _example("a random motion of 25 s, a record in the format AT2, and exit", ("record",))[1]
 
 
 def _configuration(words: str, example: str, forms: Sequence[str] = FORMS) -> list[Argument]:
@@ -224,7 +215,7 @@ _COMMANDS = {
             _file("--record", _RECORD, required=True),
             _file("--config", _BUILDINGS),
             _example("the example configuration and exit"),
-            _EXAMPLE_RECORD,
+            ("--example-record", _MOTION),
             ("--units", {"help": f"of the record: {_UNITS}"}),
             ("--dt", {"help": "its time step in s, for a file that states none", "type": float}),
             _STRICT,

@@ -40,7 +40,7 @@ class InfeasibleError(ValueError):
     """No design within the limits was found."""
 
 
-@resumable("save", "finished steps")
+@resumable("save")
 def design_damper(
     space: DesignSpace,
     ensemble: Ensemble,

@@ -165,7 +165,7 @@ def fit_cloud(
     return Cloud(im, y, censored, line, measure=measure)
 
 
-@resumable("store", "finished runs")
+@resumable("store")
 def cloud_analysis(
     structures: Structures,
     records: Any,

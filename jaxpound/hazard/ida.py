@@ -103,7 +103,7 @@ class IncrementalDynamicAnalysis(Shown):
         return [TextTable("Incremental dynamic analysis", columns, rows, notes, digits=4)]
 
 
-@resumable("store", "finished runs")
+@resumable("store")
 def incremental_dynamic_analysis(
     structures: Structures,
     records: Any,

@@ -69,7 +69,7 @@ class Stripes(Shown):
         return [TextTable("Multiple stripes", columns, rows, notes, digits=4)]
 
 
-@resumable("store", "finished runs")
+@resumable("store")
 def multiple_stripes(
     structures: Structures,
     records: Any,

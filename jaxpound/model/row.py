@@ -250,6 +250,7 @@ def floor_links(
     n, between = len(common), {"friction": friction, "gap": gap, "contact": contact}
     for name, x in between.items():
         is_list = isinstance(x, list) or getattr(x, "ndim", 0) > 0
+        is_list |= name == "friction" and isinstance(x, tuple)  # which has no faces
         if is_list and len(x) != n:
             rule = f"must be one for all links or {n}, one for each"
             raise InvalidInput("floor_links", f"{name}, {len(x)} of them,", "", rule)

@@ -14,7 +14,6 @@ from matplotlib.collections import LineCollection
 from jaxpound._checks import instance, is_whole
 from jaxpound._errors import InvalidInput
 from jaxpound.model.places import link_places
-from jaxpound.model.system import as_tuple
 from jaxpound.model.topology import floors
 from jaxpound.plots import style as house
 from jaxpound.plots.contact_paths import ContactPath, followed_contacts
@@ -176,6 +175,7 @@ def over_time(
 class Loops(NamedTuple):
     """Forces of rods or links over the elongation or slip of each, by number."""
 
+    owner: str
     group: str
     lengths: Any
     curves: Mapping[int, Curve]
@@ -183,17 +183,21 @@ class Loops(NamedTuple):
     up: str
 
 
-def draw_loops(
-    response: Response, ax: Axes | None, loops: Loops, numbers: Sequence[int] | None = None
-) -> Axes:
+def chosen(loops: Loops, numbers: Any) -> tuple[int, ...]:
+    """Numbers of loops to be drawn; an ``InvalidInput`` if they are none of them."""
+    listed = numbers if isinstance(numbers, Sequence | np.ndarray) else ()
+    if not len(listed) or not all(is_whole(k) and k in loops.curves for k in listed):
+        rule = f"must be a list of the {loops.group} to be drawn, from 0: {[*loops.curves]}"
+        raise InvalidInput(loops.owner, loops.group, repr(numbers), rule)
+    return tuple(map(int, listed))
+
+
+def draw_loops(response: Response, ax: Axes | None, loops: Loops, numbers: Any = None) -> Axes:
     """The loops of these numbers by place, or all; the unit is that for the largest of all."""
     ax, curves = run_axes(response, ax), loops.curves
     factor, up = series_axis(response, loops.up, "force", [x.values for x in curves.values()])
     if numbers is not None:
-        numbers = as_tuple("plots", loops.group, numbers)
-        if not numbers or not all(is_whole(k) and k in curves for k in numbers):
-            rule = f"must be some of the {loops.group} to be drawn, from 0: {[*curves]}"
-            raise InvalidInput("plots", loops.group, repr(numbers), rule)
+        numbers = chosen(loops, numbers)
         places, colours = PLACES[loops.group](response.topology), [curves[numbers[0]].alone]
         if len(numbers) > 1:
             colours = house.numbered_colours(len(numbers))

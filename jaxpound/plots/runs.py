@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from jaxpound._checks import require_one_of
-from jaxpound.model.system import as_tuple
 from jaxpound.model.topology import elongation
 from jaxpound.plots import curves
 from jaxpound.plots import style as house
@@ -193,13 +192,14 @@ def hysteresis(response: Response, kind: str = "rod", numbers: Any = None) -> Fi
     """A panel for each rod or link, named by its storey or floor, all to the same scales.
 
     The kind is "rod", "friction" or "contact", as of the functions. ``numbers`` are those of rods
-    or links, from 0; by default all with a force, of more than 20 evenly some 20.
+    or links, from 0; by default those with a force, at most 20 at even distances.
     """
     require_one_of("hysteresis", kind, ("rod", "friction", "contact"), "kind")
     loops = _loops(kind, response)
     acting = [k for k, x in loops.curves.items() if np.any(x.values)] or [*loops.curves]
-    evenly = acting[:: -(-len(acting) // 20)]
-    numbers = as_tuple("plots", loops.group, evenly if numbers is None else numbers) or (None,)
+    evenly = np.linspace(0, len(acting) - 1, min(len(acting), 20)).round().astype(int)
+    every = [acting[i] for i in evenly]
+    numbers = curves.chosen(loops, every if numbers is None else numbers)
     rows = -(-len(numbers) // 4)
     columns = -(-len(numbers) // rows)
     figure = house.new_figure(max(0.5 * columns, 1.0), 0.55 * rows + 0.25)
@@ -217,21 +217,22 @@ def hysteresis(response: Response, kind: str = "rod", numbers: Any = None) -> Fi
 
 def _loops(kind: str, response: Response) -> Loops:
     """The loops of all rods, dampers or contacts."""
+    owner = f"{kind}_hysteresis"
     if kind == "rod":
         lines = curves.of_each(response, "rods", "force", "structure {}")
         words = "elongation", "rod force $f$"
         if is_pair(response):
             words = "displacement $x_1$, $x_2$", "rod force $f_1$, $f_2$"
-        return Loops("rods", response.elongations, dict(enumerate(lines)), *words)
+        return Loops(owner, "rods", response.elongations, dict(enumerate(lines)), *words)
     if kind == "contact":
-        contacts = curves.contacts("contact_hysteresis", response)
+        contacts = curves.contacts(owner, response)
         depths = {k: path.penetration for k, (_, path) in contacts.items()}
         by_link = {k: curve for k, (curve, _) in contacts.items()}
-        return Loops("links", depths, by_link, r"penetration $\delta$", "contact force $p$")
-    by_link, x = curves.frictions("friction_hysteresis", response), [y.x for y in response.masses]
+        return Loops(owner, "links", depths, by_link, r"penetration $\delta$", "contact force $p$")
+    by_link, x = curves.frictions(owner, response), [y.x for y in response.masses]
     slips = [elongation(link.ends, x) for link in response.links]
     across = "slip $x_1 - x_2$" if is_pair(response) else "slip $x_i - x_j$"
-    return Loops("links", slips, by_link, across, "friction force $q$")
+    return Loops(owner, "links", slips, by_link, across, "friction force $q$")
 
 
 @in_house_style

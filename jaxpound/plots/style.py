@@ -121,8 +121,9 @@ def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
 
 def in_unit(number: float, kind: str, si: bool, digits: int = 4) -> str:
     """A number with its unit, as words in a figure have it: ``−0.1085 m``."""
-    unit = unit_for(kind, si, 0.0)[1].replace("$1/", "$/")
-    return f"{number:.{digits}g}{'' if unit.startswith('$/') else ' '}{unit}".replace("-", "−")
+    factor, unit = unit_for(kind, si, abs(number))
+    ending = unit.replace("$1/", "$/") if unit.startswith("$1/") else f" {unit}"
+    return f"{factor * number:.{digits}g}{ending}".replace("-", "−")
 
 
 def with_unit(words: str, kind: str | None, si: bool, peak: float = 0.0) -> tuple[float, str]:

@@ -27,7 +27,7 @@ _FEW = 30  # random numbers below which a few points do not stand for all failur
 _MOST_AROUND = 50_000  # runs around design points, by default
 
 
-@resumable("store", "finished runs")
+@resumable("store")
 def rare_event(
     scenarios: ScenarioSet,
     grid: TimeGrid,

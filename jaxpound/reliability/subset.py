@@ -43,7 +43,7 @@ _LARGE_COV, _LARGE_SHARE = 0.5, 0.3
 _SURE = 0.05  # probability that a bound from samples is wrong
 
 
-@resumable("store", "finished runs")
+@resumable("store")
 def subset_simulation(
     scenarios: ScenarioSet,
     grid: TimeGrid,

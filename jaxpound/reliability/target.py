@@ -75,7 +75,7 @@ class Reached(Shown):
         return [TextTable(title, columns, rows, notes)]
 
 
-@resumable("store", "finished runs")
+@resumable("store")
 def reach_probability(
     path: str,
     probability: float,

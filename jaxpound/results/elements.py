@@ -66,7 +66,7 @@ class ByElement:
             if hasattr(vars(self).get("demand"), name):
                 message += f"; its demand has it: .demand.{name}"
             elif name not in self._elements and name[:1] != "_":
-                message += f". {did_you_mean(name, dir(self))}".rstrip(". ")
+                message += f"; {did_you_mean(name, dir(self))}".rstrip("; ")
             raise AttributeError(message, name=name, obj=self)
         group, i, field, quantity = place
         items = getattr(self, group)

@@ -24,6 +24,11 @@ from jaxpound.study.weighting import Hits, Weighting, require_weights
 from jaxpound.units import Scales
 
 
+def in_rows(columns: Mapping[str, np.ndarray], *names: str) -> np.ndarray:
+    """A column by its name, or several as the rows of an array: an archive is opened once."""
+    return columns[names[0]] if len(names) == 1 else np.stack([columns[name] for name in names])
+
+
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class DemandColumns(Columnar, Shown):
     """The columns of a ``Study``, their units and weights, and statistics of single columns."""
@@ -33,7 +38,7 @@ class DemandColumns(Columnar, Shown):
     about: dict[str, Any]
     """The study's origin: versions, key, scenarios, grid, scheme, notes."""
     _moments: Mapping[str, Moments]
-    _parts: Callable[[str], Iterable[np.ndarray]]
+    _parts: Callable[..., Iterable[np.ndarray]]
     scales: Scales | None = None
     weighting: Weighting | None = None
     """The weights of the samples; None if all count the same."""
@@ -68,7 +73,14 @@ class DemandColumns(Columnar, Shown):
     def demand(self) -> Demand:
         """All demands as a batch."""
         si, columns = self.scales is not None, {name: self[name] for name in self.columns}
-        return dataclasses.replace(Demand.of_columns(columns, si=si), topology=self.topology)
+        return dataclasses.replace(
+            Demand.of_columns(columns, si=si), topology=self._stored_topology
+        )
+
+    @property
+    def _stored_topology(self) -> Topology | None:
+        """The topology, by which columns are named; None in a store of an earlier version."""
+        return self.topology if "topology" in self.about else None
 
     @property
     def topology(self) -> Topology:
@@ -97,7 +109,7 @@ class DemandColumns(Columnar, Shown):
         function = self.about["identity"]["measures"].get(name)
         if isinstance(function, dict) and isinstance(function.get("measure"), str):
             return Measure.of_text(function["measure"])
-        return Measure(in_words(name, self.topology), self.unit(name))
+        return Measure(in_words(name, self._stored_topology), self.unit(name))
 
     def _column(self, name: str) -> str:
         """The name of an existing column; an ``InvalidInput`` for any other name."""
@@ -106,8 +118,8 @@ class DemandColumns(Columnar, Shown):
             raise InvalidInput("Study", f"column {name!r}", "", rule)
         return name
 
-    def _read(self, name: str) -> np.ndarray:
-        return np.concatenate([*self._parts(name)])
+    def _read(self, *names: str) -> np.ndarray:
+        return np.concatenate([*self._parts(*names)], axis=-1)
 
     def _quantity(self, name: str) -> str | None:
         """Kind of quantity of a column; None for pure numbers and for user-defined columns."""

@@ -37,6 +37,7 @@ from jaxpound.scenarios.scenarios import ScenarioSet, structures_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.store.store import MANIFEST, Store, describe
 from jaxpound.study.chunk import Columns, Measure, Outcome, Task, cached, finished, total
+from jaxpound.study.columns import in_rows
 from jaxpound.study.demands import doubts, unreached
 from jaxpound.study.statistics import Moments
 from jaxpound.study.study import Study
@@ -46,7 +47,7 @@ _SMALLEST, _LARGEST, _CHUNKS = 32, 16_384, 8  # samples of a chunk, and chunks a
 _MOMENTS_BYTES = 250  # of a column of a chunk
 
 
-@resumable("store", "finished chunks")
+@resumable("store")
 def monte_carlo(
     scenarios: ScenarioSet,
     n: int,
@@ -204,8 +205,8 @@ def monte_carlo(
     return Study([range(task.n)], about, total(moments.values()), parts, **sources)
 
 
-def _parts_in_memory(columns: Sequence[Columns], name: str) -> list[np.ndarray]:
-    return [of_chunk[name] for of_chunk in columns]
+def _parts_in_memory(columns: Sequence[Columns], *names: str) -> list[np.ndarray]:
+    return [in_rows(of_chunk, *names) for of_chunk in columns]
 
 
 def _check(scenarios: Any, n: Any, grid: Any, scheme: Any, sampling: Any, measures: Any) -> None:

@@ -23,7 +23,7 @@ from jaxpound.scenarios.scenarios import ScenarioSet, parameter_names, parameter
 from jaxpound.store.archive import DamagedError
 from jaxpound.store.store import Store
 from jaxpound.study.chunk import finished, total
-from jaxpound.study.columns import DemandColumns
+from jaxpound.study.columns import DemandColumns, in_rows
 from jaxpound.study.fragility import Fragility, fit_fragility
 from jaxpound.study.gaps import RequiredGaps, Separation, double_difference_correlation, srss
 from jaxpound.study.statistics import Estimate, Moments
@@ -31,17 +31,17 @@ from jaxpound.study.weighting import correlation
 from jaxpound.units import Scales
 
 
-def _parts_of_store(store: Store, chunks: Sequence[int], name: str) -> Iterator[np.ndarray]:
-    """A column of a store, chunk by chunk."""
+def _parts_of_store(store: Store, chunks: Sequence[int], *names: str) -> Iterator[np.ndarray]:
+    """A column of a store, or several as rows, chunk by chunk."""
     for chunk in chunks:
         reason = f"chunk {chunk} is missing"
         try:
-            part = store.read(chunk, [name])
+            part = store.read(chunk, names)
         except DamagedError as error:
             part, reason = None, str(error)
         if part is None:
             raise ValueError(f"store {store.folder}: {reason}; run monte_carlo again")
-        yield part[name]
+        yield in_rows(part, *names)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -106,9 +106,10 @@ class Study(DemandColumns):
     @property
     def checked_floors(self) -> str:
         """Of how many floors ``pounding`` tells, in words; empty if it is of all."""
-        names = [of_link("min_gap", k, self.n_links) for k in range(self.n_links)]
+        n = len(self._stored_topology.links) if self._stored_topology else 0
+        names = (of_link("min_gap", k, n) for k in range(n))
         smallest = [self._moments[x].smallest for x in names if x in self._moments]
-        return checked_floors(self.topology, smallest)
+        return checked_floors(self._stored_topology, smallest)
 
     def pounding(self, gap: float | None = None, *, link: int | None = None) -> np.ndarray:
         """Whether there was pounding in each run, shape (n,): 1 or 0, NaN where the run failed.
@@ -159,7 +160,9 @@ class Study(DemandColumns):
                 raise InvalidInput("fragility", "demand", repr(demand), rule)
             column = self[demand]
             pounding = np.where(np.isnan(column), np.nan, column >= threshold)
-            event = event_in_words(demand, threshold, self.scales is not None, self.topology)
+            event = event_in_words(
+                demand, threshold, self.scales is not None, self._stored_topology
+            )
         valid = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[valid]
         curve = fit_fragility(im[valid], pounding[valid] == 1, weights=weights)
@@ -242,7 +245,7 @@ class Study(DemandColumns):
         Raises ``ValueError`` if they were not kept and the study was opened, without scenarios.
         """
         if kept := self.about["identity"]["parameters"]:
-            return {name: self._read(name) for name in kept}
+            return dict(zip(kept, np.atleast_2d(self._read(*kept)), strict=True))
         scenarios = self.scenarios
         if scenarios is None or self.points is None:
             reason = "not kept (keep_parameters=True keeps them), and the scenarios are not known"
@@ -286,7 +289,15 @@ class Study(DemandColumns):
     def _tables(self) -> list[TextTable]:
         moments = [(name, self.moments(name)) for name in self.told()]
         rows = [
-            (x, m.mean, m.std, m.smallest, m.largest, self.unit(x), in_words(x, self.topology))
+            (
+                x,
+                m.mean,
+                m.std,
+                m.smallest,
+                m.largest,
+                self.unit(x),
+                in_words(x, self._stored_topology),
+            )
             for x, m in moments
         ]
         units = "dimensionless" if self.scales is None else "SI"

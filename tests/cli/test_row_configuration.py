@@ -146,6 +146,10 @@ THREE ; [[link]] ; building = 2 ; floor = 2 ; gap = 0 ; [[link]] ; building = 1 
 OF_BUILDINGS = r"""
 storeys = 5 => storeys = 5 must be a table
 floors = 5 => has an unknown key 'floors';
+storeys = {number = 4, mass = [1e5, 2e5], period = 1, damping_ratio = 0.05}
+    => storeys mass, 2 of them, must be 4, a number for each storey
+storeys = {number = 3, mass = 1e5, period = 1, damping_ratio = 0.05, height = [3.0, 3.0]}
+    => storeys height, 2 of them, must be 3, a number for each storey
 storeys = {number = 0, mass = 1e5, period = 1, damping_ratio = 0.05}
     => storeys number = 0 must be from 1 to 1000
 storeys = {number = 3, mass = 1e5, period = 1, damping_ratio = 0.05, order = [0.5, 0.5, 0.5]}

@@ -238,8 +238,8 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     shown = "".join(assert_shown(compared))
     assert "peak absolute acceleration of building 1 changed by -" in shown
     assert "gap" not in shown
-    assert plots.convergence(found).get_ylabel() == "objective ($g$)"
-    assert plots.before_and_after(compared).get_xlabel() == "peak $|a_1|$ ($g$)"
+    assert plots.convergence(found).get_ylabel() == "objective (m/s²)"
+    assert plots.before_and_after(compared).get_xlabel() == "peak $|a_1|$ (m/s²)"
     layout = BuildingsLayout.of(jp.Buildings(buildings, links), (1,))
     others = {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}
     answers = design_report.summary(found, others, parameters.Parameters(layout))

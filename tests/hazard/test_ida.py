@@ -180,7 +180,7 @@ def test_a_stopped_analysis_goes_on(refine, counted, tmp_path):
     assert needed > 2
     for _ in range(2):
         counting.most = len(sizes) + 1
-        with pytest.raises(KeyboardInterrupt, match="analysis: interrupted; finished runs are kep"):
+        with pytest.raises(KeyboardInterrupt, match="analysis: interrupted; what was finished is"):
             analysed(**how, store=tmp_path / "ida")
     counting.most = len(sizes) + needed - 2  # what is left
     assert_same(analysed(**how, store=tmp_path / "ida"), whole)

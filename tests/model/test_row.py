@@ -65,6 +65,8 @@ def test_common_floors_are_those_of_one_number_or_one_height_and_have_links_of_o
     assert [float(link.friction) for link in listed] == [0.0, 1.0, 2.0, 3.0]
     assert [link.gap for link in listed] == gaps
     assert [link.contact for link in listed] == laws
+    tupled = jp.floor_links(three, friction=(0.1, 0.2, 0.3, 0.4))
+    assert [float(link.friction) for link in tupled] == [0.1, 0.2, 0.3, 0.4]
     both = jp.floor_links(three, gap=(0.2, 0.3))  # a tuple is of two faces
     assert [link.gap for link in both] == [(0.2, 0.3)] * 4
     slopes = jax.grad(lambda mu: sum(x.friction**2 for x in jp.floor_links(three, friction=mu)))

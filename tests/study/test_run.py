@@ -85,6 +85,12 @@ def test_statistics_of_a_linear_response_are_the_lognormal_s_and_rules_of_codes_
             estimate = found.quantile(name, share, 0.999)
             assert estimate.low <= known.ppf(share) <= estimate.high
     assert found.correlations("peak_x1")["amplitude"] == pytest.approx(1.0)
+    older = {name: x for name, x in found.about.items() if name != "topology"}
+    older = dataclasses.replace(found, about=older)  # as a store of an earlier version
+    assert "peak displacement of building 1" in repr(older)
+    assert older.demand.peak_x1[0] == found["peak_x1"][0]
+    assert str(older.measure("pga")) == str(found.measure("pga"))
+    assert older.checked_floors == ""
     found = linear().separation(0.01)
     u1, u2 = (np.quantile(linear()[f"peak_x{i}"], 0.99) for i in (1, 2))
     assert found.absolute_sum == pytest.approx(u1 + u2)
@@ -187,7 +193,9 @@ def test_a_study_has_eight_chunks_and_ctrl_c_says_which_are_kept(tmp_path, monke
 
     with monkeypatch.context() as patch:
         patch.setattr(Task, "compute", computed)
-        kept = f"^monte_carlo: interrupted; finished chunks are kept in {folder}, and the same call"
+        kept = (
+            f"^monte_carlo: interrupted; what was finished is kept in {folder}, and the same call"
+        )
         with pytest.raises(KeyboardInterrupt, match=kept):
             study(LINEAR, 300, store=folder, chunk_size=None)
         with pytest.raises(KeyboardInterrupt, match="interrupted; nothing is kept, as there is no"):
@@ -195,6 +203,12 @@ def test_a_study_has_eight_chunks_and_ctrl_c_says_which_are_kept(tmp_path, monke
     assert len([*folder.glob("chunk-*")]) == 2
     assert len(study(LINEAR, 300, store=folder, chunk_size=None)) == 300
     assert len([*folder.glob("chunk-*")]) == 10  # of 32 samples
+    read, chunks = Store.read, []
+    monkeypatch.setattr(Store, "read", lambda *x: (chunks.append(x[1]), read(*x))[1])
+    wide = study(LINEAR, 300, store=tmp_path / "wide", chunk_size=None, keep_parameters=True)
+    chunks.clear()
+    assert wide.parameters()["amplitude"].shape == (300,)
+    assert chunks == [*range(10)]  # each is opened once, whatever the number of parameters
     assert Store(folder).chunk_size == 32
 
 
