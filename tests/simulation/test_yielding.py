@@ -139,7 +139,7 @@ def test_before_it_yields_a_rod_is_the_fractional_rod_to_rounding():
     assert float(yielding.demand.peak_drift) == float(plain.demand.peak_drift) == max(drifts)
     with pytest.raises(AttributeError, match="Demand has no 'ductility', the largest of all: no"):
         _ = plain.demand.ductility
-    with pytest.raises(AttributeError, match=r"no attribute 'peak_x'\. did you mean 'peak_x2'"):
+    with pytest.raises(AttributeError, match=r"no attribute 'peak_x'; did you mean 'peak_x2'"):
         _ = plain.demand.peak_x
     np.testing.assert_array_equal(floors.ductility, [x.ductility for x in yielding.demand.rods])
 

@@ -49,7 +49,11 @@ def test_times_and_numbers_of_impacts_are_told_of_scenarios_with_one(study):
     rank = stats.spearmanr(e[hit], first).statistic
     found = study.correlations("first_impact_time")["contact.restitution"]
     assert found == pytest.approx(rank)
-    parts = lambda name: iter([np.full(64, np.inf if "first" in name else 1.0)])  # noqa: E731
+
+    def parts(*names):
+        values = [np.full(64, np.inf if "first" in name else 1.0) for name in names]
+        return iter([np.stack(values) if len(names) > 1 else values[0]])
+
     nowhere = dataclasses.replace(study, _parts=parts)
     assert np.isnan(nowhere.correlations("first_impact_time")["contact.restitution"])
     refused(r"quantile: sample of shape \(0,\) must be", nowhere.quantile, "first_impact_time", 0.5)
