@@ -74,10 +74,14 @@ LARGE = ("contact", "dampers", "divergence", "faces", "impacts", "inerters", "ro
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
 jaxtyping.install_import_hook(["jaxpound.results", "jaxpound.simulation"], CHECKER)
 from jaxpound._checks import machine_memory  # noqa: E402
+from jaxpound.simulation import programs  # noqa: E402
 from tests import layout  # noqa: E402, F401  (steps of all programs are a loop)
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Notes of a slow machine on its compilations are asserted in test_programs.py alone.
+programs.AFTER = 600.0  # s
 
 # Every example may compile a program: time is no measure of a test here, and runs must repeat.
 settings.register_profile(
