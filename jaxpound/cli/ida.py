@@ -15,7 +15,7 @@ from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sen
 from jaxpound.cli.reading import Count, File, Range, Section, between, named, refused, says
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import require_threshold
-from jaxpound.hazard.suite_runs import demand_in_words
+from jaxpound.results.named import demand_in_words
 from jaxpound.simulation.buildings import natural_periods, record_grid
 
 _Numbers = Annotated[list[float], says("a list of numbers", min_length=1)]

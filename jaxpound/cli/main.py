@@ -108,6 +108,7 @@ def _short_warnings(strict: bool) -> Iterator[None]:
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
         line = as_line(message)
+        # A run names the link of a finding by its ends alone, the file also by its [[link]].
         if (key := re.sub(r"^\[\[.*? \((.*?)\):", r"link \1:", line)) not in printed:
             print("jaxpound: warning:", line, file=sys.stderr)
             printed.add(key)
@@ -169,9 +170,6 @@ def _example(words: str, forms: Sequence[str] = FORMS) -> Argument:
     return "--example-config", {"help": f"print {words}", **options}
 
 
-_MOTION = _example("a random motion of 25 s, a record in the format AT2, and exit", ("record",))[1]
-
-
 def _configuration(words: str, example: str, forms: Sequence[str] = FORMS) -> list[Argument]:
     """The file that a command reads, and the option that prints an example of it."""
     return [_file("config", words, "CONFIG.toml"), _example(f"{example} and exit", forms)]
@@ -182,6 +180,8 @@ _OUT = (
     _file("--out", _OUT_WORDS, "DIR", required=True),
     ("--pdf", {"help": "write every figure as PDF too, for print", "action": "store_true"}),
 )
+_MOTION = "a random motion of 25 s, a record in the format AT2, and exit"
+_EXAMPLE_RECORD: Argument = "--example-record", _example(_MOTION, ("record",))[1]
 _RECORD = "accelerogram: PEER AT2, K-NET, columns of time and acceleration, or values with --dt"
 _JOINING = "an accelerogram in g that joins the random earthquakes; may be given several times"
 _BUILDINGS = "buildings, dampers and run; without it the example of two buildings is used"
@@ -215,7 +215,7 @@ _COMMANDS = {
             _file("--record", _RECORD, required=True),
             _file("--config", _BUILDINGS),
             _example("the example configuration and exit"),
-            ("--example-record", _MOTION),
+            _EXAMPLE_RECORD,
             ("--units", {"help": f"of the record: {_UNITS}"}),
             ("--dt", {"help": "its time step in s, for a file that states none", "type": float}),
             _STRICT,

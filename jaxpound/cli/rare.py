@@ -21,10 +21,9 @@ from jaxpound.cli.parameters import Parameters, Uncertain, by_path
 from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, named, refused
 from jaxpound.cli.tables import Gap, require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
-from jaxpound.hazard.suite_runs import demand_in_words
 from jaxpound.reliability.run import choice, event_of, require_smooth
 from jaxpound.reliability.target import WITHOUT_JUMPS
-from jaxpound.results.named import REQUIRED_GAP, in_words, kind_of, unit_of
+from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, kind_of, unit_of
 from jaxpound.scenarios.scenarios import grounds_at
 
 _CHECKED = 64  # random earthquakes that must be plausible

@@ -14,10 +14,16 @@ from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
 from jaxpound.hazard.capacities import CensoredRegression, regression
-from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns, demand_in_words
+from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
 from jaxpound.model.system import Structures
 from jaxpound.model.topology import Topology
-from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec, event_in_words
+from jaxpound.results.named import (
+    OVERLAP,
+    REQUIRED_GAP,
+    DemandSpec,
+    demand_in_words,
+    event_in_words,
+)
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility
 from jaxpound.units import Scales

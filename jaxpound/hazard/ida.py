@@ -20,7 +20,7 @@ from jaxpound.hazard.stripes import Stripes
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
 from jaxpound.model.system import Structures
 from jaxpound.model.topology import Topology
-from jaxpound.results.named import REQUIRED_GAP, DemandSpec, event_in_words
+from jaxpound.results.named import REQUIRED_GAP, DemandSpec, demand_in_words, event_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility
 from jaxpound.units import Scales
@@ -92,7 +92,7 @@ class IncrementalDynamicAnalysis(Shown):
             (name, im, *((c, factor) if np.isfinite(c) else (above, "-")))
             for name, (im, c, factor) in zip(self.names, numbers, strict=True)
         ]
-        words = suite_runs.demand_in_words(self.demand, self.si, self.topology)
+        words = demand_in_words(self.demand, self.si, self.topology)
         n, reached = len(rows), int(np.isfinite(self.capacities).sum())
         capacity = f"first crossing on the ladder of {len(self.intensities)} intensities, refined"
         notes = [f"intensity: {self.measure}; demand: {words}, threshold {self.threshold:.4g}"]

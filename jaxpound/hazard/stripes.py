@@ -19,7 +19,7 @@ from jaxpound.hazard import suite_runs
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
 from jaxpound.model.system import Structures
 from jaxpound.model.topology import Topology
-from jaxpound.results.named import REQUIRED_GAP, DemandSpec, event_in_words
+from jaxpound.results.named import REQUIRED_GAP, DemandSpec, demand_in_words, event_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility, falls, fit_fragility
 from jaxpound.units import Scales
@@ -61,7 +61,7 @@ class Stripes(Shown):
     def _tables(self) -> list[TextTable]:
         data = zip(self.intensities, self.trials, self.pounding, self.demands, strict=True)
         rows = [(f"{im:.4g}", int(n), int(k), float(np.median(x))) for im, n, k, x in data]
-        words = suite_runs.demand_in_words(self.demand, self.si, self.topology)
+        words = demand_in_words(self.demand, self.si, self.topology)
         columns = (self.measure, "records", "reach the threshold", f"median {words}")
         notes = [f"threshold {self.threshold:.4g}"]
         if fall := falls(self.intensities, self.pounding, self.trials):

@@ -25,8 +25,6 @@ from jaxpound.ground.plausibility import MOST_PGA, unseen
 from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, common_gap, is_closable, without_contact
-from jaxpound.model.topology import Topology
-from jaxpound.quantities import unit
 from jaxpound.results import named
 from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
 from jaxpound.simulation.batches import in_chunks, runs_at_a_time
@@ -139,13 +137,6 @@ def suite_to_run(owner: str, suite: RecordSuite, scales: Scales | None) -> Recor
     if scales is SI_UNITS:
         return suite
     return RecordSuite(tuple(scales.to_dimensionless(record) for record in suite))
-
-
-def demand_in_words(name: str, si: bool, topology: Topology | None = None) -> str:
-    """An analysis's demand in words, with its unit."""
-    kind = named.kind_of(name)
-    words = named.in_words(name, topology)
-    return f"{words} ({unit(kind, si)})" if kind else words
 
 
 class SuiteRuns:

@@ -245,7 +245,7 @@ def scatter_matrix(
 def correlations(study: Study, ax: Axes | None = None, column: str = "required_gap") -> Axes:
     """Rank correlation of a column with the parameters as bars, the twelve largest on top."""
     finite = {k: v for k, v in study.correlations(column).items() if np.isfinite(v)}
-    symbol = kind_and_symbol(column, study.topology)[1]
+    symbol = kind_and_symbol(column, study.stored_topology)[1]
     break_before = "\n" if "\n" in symbol else " "
     return house.signed_bars(ax, finite, f"rank correlation with{break_before}{symbol}")
 
@@ -292,4 +292,4 @@ def _axis(study: Study, column: str) -> tuple[float, str]:
     """Factor and name, with its unit, of a column on an axis."""
     moments = study.moments(column)
     peak = max(-moments.smallest, moments.largest)
-    return house.demand_axis(column, study.scales is not None, peak, study.topology)
+    return house.demand_axis(column, study.scales is not None, peak, study.stored_topology)

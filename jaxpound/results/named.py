@@ -95,6 +95,12 @@ def in_words(name: str, topology: Topology | None = None) -> str:
     return words_of(name, topology, quantity)
 
 
+def demand_in_words(name: str, si: bool, topology: Topology | None = None) -> str:
+    """A demand ``in_words``, with its unit in parentheses; a pure number has none."""
+    of_unit = unit_of(name, si)
+    return in_words(name, topology) + (f" ({of_unit})" if of_unit else "")
+
+
 def event_in_words(name: str, threshold: float, si: bool, topology: Topology | None = None) -> str:
     """What the fragility of a demand is of: pounding, or that the demand reaches the threshold."""
     if name in (REQUIRED_GAP, OVERLAP):

@@ -73,13 +73,11 @@ class DemandColumns(Columnar, Shown):
     def demand(self) -> Demand:
         """All demands as a batch."""
         si, columns = self.scales is not None, {name: self[name] for name in self.columns}
-        return dataclasses.replace(
-            Demand.of_columns(columns, si=si), topology=self._stored_topology
-        )
+        return dataclasses.replace(Demand.of_columns(columns, si=si), topology=self.stored_topology)
 
     @property
-    def _stored_topology(self) -> Topology | None:
-        """The topology, by which columns are named; None in a store of an earlier version."""
+    def stored_topology(self) -> Topology | None:
+        """``topology``, by which columns are named; None of a store of an earlier version."""
         return self.topology if "topology" in self.about else None
 
     @property
@@ -109,7 +107,7 @@ class DemandColumns(Columnar, Shown):
         function = self.about["identity"]["measures"].get(name)
         if isinstance(function, dict) and isinstance(function.get("measure"), str):
             return Measure.of_text(function["measure"])
-        return Measure(in_words(name, self._stored_topology), self.unit(name))
+        return Measure(in_words(name, self.stored_topology), self.unit(name))
 
     def _column(self, name: str) -> str:
         """The name of an existing column; an ``InvalidInput`` for any other name."""

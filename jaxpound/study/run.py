@@ -148,10 +148,10 @@ def monte_carlo(
     findings = doubts(owner, scenarios, grid)
     structures = structures_of(scenarios)
     scales, pair = scales_for(owner, structures, scales), isinstance(structures, AdjacentStructures)
-    if chunk_size is None:  # that of an existing store
-        exists = store is not None and os.path.lexists(Path(store) / MANIFEST)
+    if chunk_size is None and store is not None and os.path.lexists(Path(store) / MANIFEST):
+        chunk_size = Store(store).chunk_size
+    elif chunk_size is None:
         chunk_size = min(max(_SMALLEST, 2 ** int(math.log2(n / _CHUNKS))), _LARGEST)
-        chunk_size = Store(store).chunk_size if store is not None and exists else chunk_size
     size = count(owner, "chunk_size", chunk_size)
     task = Task(
         *(scenarios, grid, scheme, key_numbers(owner, key), sampling, int(n), size),

@@ -80,13 +80,12 @@ def sobol_sensitivity(
     owner = "sobol_sensitivity"
     findings = doubts(owner, scenarios, grid)
     instance(owner, "scheme", scheme, Scheme)
-    n, key, topologies = count(owner, "n", n), seed(owner, "key", key), list[Topology]()
+    n, key = count(owner, "n", n), seed(owner, "key", key)
     enforce(owner, [Rule("n", n, n >= 2 and n & (n - 1) == 0, "a power of 2, at least 2")])
     require_share(owner, "confidence", confidence)
 
     def run(z: Any) -> jax.Array:
         structures, ground = scenarios.realize(z)
-        topologies.append(structures.system().topology)
         values = demands_of(structures, ground, grid, scheme)
         if demand not in values:
             rule = f"must be one of {', '.join(values)}"
@@ -131,4 +130,6 @@ def sobol_sensitivity(
         {name: Estimate(*map(float, x)) for name, x in zip(names, of_order, strict=True)}
         for of_order in np.stack(values, axis=-1)
     )
-    return Sensitivity(demand, demands.size, first, total, topologies[0])
+    z = np.zeros(scenarios.dimension)
+    system = jax.eval_shape(lambda z: scenarios.realize(z)[0].system(), z)
+    return Sensitivity(demand, demands.size, first, total, system.topology)

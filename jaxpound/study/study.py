@@ -106,10 +106,11 @@ class Study(DemandColumns):
     @property
     def checked_floors(self) -> str:
         """Of how many floors ``pounding`` tells, in words; empty if it is of all."""
-        n = len(self._stored_topology.links) if self._stored_topology else 0
+        topology = self.stored_topology
+        n = len(topology.links) if topology else 0
         names = (of_link("min_gap", k, n) for k in range(n))
         smallest = [self._moments[x].smallest for x in names if x in self._moments]
-        return checked_floors(self._stored_topology, smallest)
+        return checked_floors(topology, smallest)
 
     def pounding(self, gap: float | None = None, *, link: int | None = None) -> np.ndarray:
         """Whether there was pounding in each run, shape (n,): 1 or 0, NaN where the run failed.
@@ -160,9 +161,8 @@ class Study(DemandColumns):
                 raise InvalidInput("fragility", "demand", repr(demand), rule)
             column = self[demand]
             pounding = np.where(np.isnan(column), np.nan, column >= threshold)
-            event = event_in_words(
-                demand, threshold, self.scales is not None, self._stored_topology
-            )
+            si = self.scales is not None
+            event = event_in_words(demand, threshold, si, self.stored_topology)
         valid = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[valid]
         curve = fit_fragility(im[valid], pounding[valid] == 1, weights=weights)
@@ -287,19 +287,10 @@ class Study(DemandColumns):
         return index, columns
 
     def _tables(self) -> list[TextTable]:
-        moments = [(name, self.moments(name)) for name in self.told()]
-        rows = [
-            (
-                x,
-                m.mean,
-                m.std,
-                m.smallest,
-                m.largest,
-                self.unit(x),
-                in_words(x, self._stored_topology),
-            )
-            for x, m in moments
-        ]
+        rows: list[Any] = []
+        for name in self.told():
+            m, words = self.moments(name), in_words(name, self.stored_topology)
+            rows.append((name, m.mean, m.std, m.smallest, m.largest, self.unit(name), words))
         units = "dimensionless" if self.scales is None else "SI"
         units += ", weighted" * (self.weighting is not None)
         title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"

@@ -49,7 +49,7 @@ def test_min_gap_s_histogram_and_distribution(found, ax, legible):
     columns["required_gap"] = 0.1 - columns["min_gap"]
     moments = types.SimpleNamespace(smallest=-0.1, largest=0.1)
     few = {"finite": columns.__getitem__, "moments": lambda column: moments, "weighting": None}
-    few |= {"topology": None}
+    few |= {"stored_topology": None}
     ax = plots.min_gap(types.SimpleNamespace(**few, scales=SCALES, columns=(*columns,)), new_axes())
     assert "min = gap at rest: 30 %" in legend(ax)
     legible(ax.figure, ax.get_legend().texts)
