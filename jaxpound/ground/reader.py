@@ -1,28 +1,45 @@
-"""Recorded accelerograms from text files."""
+"""Recorded accelerograms from files."""
 
 from __future__ import annotations
 
-import math
+import dataclasses
 import os
+import re
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from jaxpound._checks import positive_number
 from jaxpound._errors import InvalidInput, warn
-from jaxpound.ground.formats import at2, columns, knet
-from jaxpound.ground.formats.rows import line_of
-from jaxpound.ground.formats.text import MisreadError, read_file
+from jaxpound.ground.formats import rows as printed
+from jaxpound.ground.formats.columns import COLUMNS, HISTORY
+from jaxpound.ground.formats.layout import Channel, is_vertical_file, named
+from jaxpound.ground.formats.table import channels_of
+from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextFile, read_file
 from jaxpound.ground.formats.units import UNITS, stated_among, stated_unit
 from jaxpound.ground.plausibility import MANY, of_samples
 from jaxpound.ground.record import Record, derived
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 
+_ROUGH = 0.025  # most that a time step may differ from a printed one, as 1/204.8 s from .005 s
+_SAME = 1e-6  # relative difference of equal time steps
+_SLOWEST_STEP = 0.5  # in s: nothing above 1 Hz would be left of an earthquake
+_FEW = 10  # samples of an example
+
 
 def read_record(
-    path: str | os.PathLike[str], *, dt: float | None = None, units: str | None = None
+    path: str | os.PathLike[str],
+    *,
+    dt: float | None = None,
+    units: str | None = None,
+    column: int | str | None = None,
+    vertical: bool = False,
+    rows: str | None = None,
+    strict: bool = False,
 ) -> Record:
-    """Read a recorded accelerogram from a text file.
+    """Read a recorded accelerogram from a file of one of the formats of the networks.
 
     The record is named after the file and has samples in g (float64, standard gravity 9.80665 m/s²)
     and dt in seconds. The content, not the extension, decides the layout:
@@ -81,40 +98,181 @@ def read_record(
         NPTS=  4, DT= .01000 SEC
           -.6403182E-02  -.6028715E-02   .5304162E-03   .7743260E-02
     """
-    if units is not None:
-        units = stated_unit("read_record", units)
-    if dt is not None:
-        (dt,) = positive_number("read_record", dt=dt)
-    if not isinstance(path, str | os.PathLike):
-        raise InvalidInput("read_record", "path", repr(path), "must be the path of a file")
-    file = Path(path)
-    notes: list[str] = []
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):  # such values are refused below
-            file_text = read_file(file)
-            layout = next((f for f in (knet, at2) if f.fits(file_text.lines)), columns)
-            values = layout.read(file_text, dt, notes)
-        header_unit = stated_among(values.stated, UNITS)
-        if header_unit and units is not None and UNITS[header_unit] != UNITS[units]:
-            rule = f"must be the header's own, {header_unit!r}"
-            raise MisreadError(values.stated[header_unit], f"units = {units!r} {rule}")
-        samples = values.samples * (UNITS[header_unit or units or "g"] / STANDARD_GRAVITY)
-        if dt is not None and not math.isclose(dt, values.dt, rel_tol=1e-6):
-            raise MisreadError(None, f"dt = {dt!r} must agree with the file's own, {values.dt!r}")
+    file = _Source.of("read_record", path, dt, units, rows)
+    with file.errors():
+        return file.record(file.chosen(column, vertical), strict)
+
+
+def read_components(
+    owner: str,
+    path: str | os.PathLike[str],
+    *,
+    dt: float | None = None,
+    units: str | None = None,
+    rows: str | None = None,
+    strict: bool = False,
+) -> list[Record]:
+    """All horizontal components of a file, each as ``read_record`` reads it.
+
+    Raises ``OtherKindError`` if the file holds no horizontal acceleration, else as ``read_record``.
+    """
+    file = _Source.of(owner, path, dt, units, rows)
+    with file.errors():
+        return [file.record(channel, strict) for channel in file.horizontal()]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Source:
+    """A file with its components, and what a user says of it."""
+
+    path: Path
+    text: TextFile
+    channels: list[Channel]
+    dt: float | None
+    units: str | None
+    notes: tuple[str, ...]
+
+    @staticmethod
+    def of(
+        owner: str, path: object, dt: float | None, units: str | None, rows: str | None
+    ) -> _Source:
+        """A file that has been split into components; an error for one that cannot be."""
+        if units is not None:
+            units = stated_unit(owner, units)
+        if dt is not None:
+            (dt,) = positive_number(owner, dt=dt)
+        if rows not in (None, HISTORY, COLUMNS):
+            rule = f"must be {HISTORY!r}, one row after the other, or {COLUMNS!r}, side by side"
+            raise InvalidInput(owner, "rows", repr(rows), rule)
+        if not isinstance(path, str | os.PathLike):
+            raise InvalidInput(owner, "path", repr(path), "must be the path of a file")
+        file, notes = Path(path), list[str]()
+        with _located(file), np.errstate(over="ignore", invalid="ignore"):  # refused below
+            text = read_file(file)
+            channels = channels_of(text, dt, rows, notes)
+        return _Source(file, text, channels, dt, units, tuple(notes))
+
+    def errors(self) -> AbstractContextManager[None]:
+        """A context in which errors in the file name its path and line."""
+        return _located(self.path)
+
+    def chosen(self, column: int | str | None, vertical: bool) -> Channel:
+        """The component that is asked for, or the only one."""
+        channels = self.channels
+        listed = f"{len(channels)} columns or blocks ({', '.join(named(channels))})"
+        if column is not None:
+            return self._at(column, listed)
+        if vertical and len(channels) > 1:
+            channels = [channel for channel in channels if channel.vertical]
+        if len(channels) != 1:
+            rule = "choose one by its number or name, as column=1"
+            raise MisreadError(self.channels[0].rows[0].line, f"{listed}: {rule}")
+        return channels[0] if vertical else self.horizontal()[0]
+
+    def _at(self, column: int | str, listed: str) -> Channel:
+        """The component of a number, from 1, or of a name."""
+        if isinstance(column, str):
+            matching = [x for x in self.channels if _plain(column) in map(_plain, x.names)]
+            if len(matching) == 1:
+                return matching[0]
+        number = str(column)
+        if number.isdigit() and 1 <= int(number) <= len(self.channels):
+            return self.channels[int(number) - 1]
+        rule = f"must be a number from 1, or a name, of {listed}"
+        raise MisreadError(self.channels[0].rows[0].line, f"column = {column!r} {rule}")
+
+    def horizontal(self) -> list[Channel]:
+        """The components that are not said to be vertical; an ``OtherKindError`` if none is."""
+        horizontal = [channel for channel in self.channels if not channel.vertical]
+        silent = not any(channel.names for channel in horizontal)
+        by_name = silent and is_vertical_file(self.path.stem, self.path.suffix)
+        if not horizontal or by_name:
+            says = "the file's name" if by_name else " ".join(self.channels[0].names)
+            rule = "pass vertical=True if it is to shake buildings sideways"
+            raise OtherKindError(None, f"is a vertical component ({says}): {rule}")
+        return horizontal
+
+    def record(self, channel: Channel, strict: bool) -> Record:
+        """The record of a component, whose count, interval, unit and values are checked."""
+        name = self.path.stem
+        if len(self.channels) > 1:
+            name += f" {channel.names[0] if channel.names else self.channels.index(channel) + 1}"
+        channel, notes = _within_count(channel), [*self.notes]
+        rows, stated, samples = channel.rows, channel.stated, channel.samples
+        printed.require_count(stated, len(samples))
+        printed.check_print(rows, samples, self.text.ended, notes)
+        step = _interval(channel, self.dt, notes)
+        unit = stated_among(stated.units, UNITS)
+        if unit and self.units and UNITS[unit] != UNITS[self.units]:
+            rule = f"must be the header's own, {unit!r}"
+            raise MisreadError(stated.units[unit], f"units = {self.units!r} {rule}")
         if len(samples) < 2:
-            raise MisreadError(None, "a record must have at least two samples, this has one")
+            rule = "a record must have at least two samples, this has one"
+            raise MisreadError(rows[0].line, rule)
+        samples = samples * (UNITS[unit or self.units or "g"] / STANDARD_GRAVITY)
+        largest = int(np.argmax(np.abs(samples)))
+        hint = "are the units right, or is a decimal point lost?"
+        place = f"{self.path}:{printed.line_of(rows, largest)}"
+        require_possible(place, "acceleration", samples[largest], hint)
+        if len(samples) >= MANY and not samples.any():
+            notes.append("the acceleration is 0 throughout: is this the right file or column?")
+        known = self.units is not None or unit is not None
+        doubts = *notes, *of_samples(samples, step, stated=known)
+        warn(str(self.path), [*doubts], strict)
+        return derived(samples, step, name, doubts=doubts)
+
+
+@contextmanager
+def _located(file: Path) -> Iterator[None]:
+    """A context in which an error in a file names its path and line."""
+    try:
+        yield
     except MisreadError as error:
         place = file if error.line is None else f"{file}:{error.line}"
-        raise ValueError(f"{place}: {error}") from None
-    largest = int(np.argmax(np.abs(samples)))
-    line, hint = line_of(values.rows, largest), "are the units right, or is a decimal point lost?"
-    require_possible(f"{file}:{line}", "acceleration", samples[largest], hint)
-    if len(samples) >= MANY and not samples.any():
-        notes.append("the acceleration is 0 throughout: is this the right file or column?")
-    stated = units is not None or header_unit is not None
-    doubts = *notes, *of_samples(samples, values.dt, stated=stated)
-    warn(str(file), [*doubts])
-    return derived(samples, values.dt, file.stem, doubts=doubts)
+        raise type(error)(None, f"{place}: {error}") from None
+
+
+def _plain(name: str) -> str:
+    """A name of a component without regard to case, blanks and signs."""
+    return re.sub(r"[\W_]", "", name).lower()
+
+
+def _within_count(channel: Channel) -> Channel:
+    """The component without the zeros that fill its last row behind the number of its values."""
+    rows, counts = channel.rows, channel.stated.counts
+    if not counts or not rows:
+        return channel
+    surplus, last = len(channel.samples) - int(counts[-1].value), rows[-1]
+    if not 0 < surplus < len(last.numbers) or any(map(float, last.numbers[-surplus:])):
+        return channel
+    rows = [*rows[:-1], last._replace(numbers=last.numbers[:-surplus])]
+    return channel._replace(rows=rows, samples=channel.samples[:-surplus])
+
+
+def _interval(channel: Channel, dt: float | None, notes: list[str]) -> float:
+    """The sampling interval, in s: all that state it must agree within their last digits."""
+    stated = [*([channel.times] if channel.times else []), *channel.stated.intervals]
+    if not stated:
+        if dt is None:
+            rule, n = "pass dt, the time step in s", len(channel.rows[0].numbers)
+            raise MisreadError(channel.rows[0].line, f"{n} value(s) a row and no times: {rule}")
+        return float(dt)
+    finest = min(stated, key=lambda statement: statement.slack / statement.value)
+    step = finest.value
+    for other in stated:
+        if abs(other.value - step) > other.slack + finest.slack + _SAME * step:
+            rule = f"must agree with {finest.text!r}, {step:.6g} s"
+            raise MisreadError(other.line, f"{other.text!r}, {other.value:.6g} s, {rule}")
+    if step >= _SLOWEST_STEP and len(channel.samples) >= _FEW:
+        notes.append(f"the time step is {step:g} s: are the times in seconds?")
+    if dt is None:
+        return step
+    if abs(dt - step) > min(finest.slack, _ROUGH * step) + _SAME * step:
+        raise MisreadError(finest.line, f"dt = {dt!r} must agree with the file's own, {step!r}")
+    if abs(dt - step) > _SAME * step:
+        notes.append(f"dt = {dt:g} s is taken for {finest.text!r}, {step:g} s")
+        return float(dt)
+    return step
 
 
 def require_possible(place: str, name: str, peak: float, hint: str) -> None:

@@ -1,7 +1,9 @@
-"""Layouts of files of accelerograms, one module for each, and modules that they share.
+"""Layouts of files of accelerograms: a table of formats, and the modules that read by it.
 
-``at2`` and ``knet`` have ``fits``, which tests a file's lines: ``columns`` reads all other files.
-``read`` returns the values; it takes the user's time step for files that state none, and a list to
-which it adds warnings. ``text`` reads lines, ``rows`` their numbers, ``header`` statements in
-prose, ``units`` units.
+A format is a ``Layout`` (``layout``): its signature, and where count, interval, unit, components
+and values stand; ``table`` lists them. ``blocks`` reads formats whose components have headers of
+their own, ``columns`` rows behind one header, ``knet`` counts with a scale, ``json_events`` JSON.
+``text`` reads lines, ``spreadsheet`` brings them into plain form, ``rows`` reads their numbers;
+``statements`` finds counts and intervals in prose, ``header`` and ``units`` units; ``other`` names
+formats that are not read.
 """

@@ -7,9 +7,11 @@ import re
 from collections.abc import Sequence
 
 from jaxpound.ground.formats import text, units
-from jaxpound.ground.formats.rows import Values, check_print, flatten, read_block, require_count
-from jaxpound.ground.formats.text import NUMBER, MisreadError, TextFile, TextLine
+from jaxpound.ground.formats.layout import Layout
+from jaxpound.ground.formats.statements import Stated, Statement, interval
+from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine
 
+_LINE = re.compile(r"(?!\s*(?:#|%|//)).*\bNPTS\b", re.I)
 _NPTS = re.compile(r"\bNPTS\b", re.I)
 _STATES = re.compile(rf" ?[=:]? ?({NUMBER})", re.I)
 _DT = re.compile(r"\bDT\b", re.I)
@@ -17,29 +19,16 @@ _NPTS_BEHIND = re.compile(rf"({NUMBER})[ ,]{{1,3}}({NUMBER})[ ,]{{1,3}}NPTS\b", 
 _DT_UNIT = re.compile(r"[ ,]{0,2}[(\[]? ?([^\W\d_]++)(?! ?[=:])", re.I)
 
 
-def fits(lines: Sequence[TextLine]) -> bool:
-    """Whether a line states the number of values."""
-    return any(map(_is_npts, lines))
+def _state(header: Sequence[TextLine], stated: Stated) -> None:
+    """Replace what was read as prose by the numbers of the line of NPTS and DT."""
+    line = next(line for line in header if _LINE.match(line.text))
+    npts, dt, unit = _npts_and_dt(line)
+    stated.counts[:] = [Statement(line.number, f"NPTS = {npts}", float(npts), 0.0)]
+    stated.intervals[:] = [interval(line.number, f"DT = {dt}", dt, units.SECONDS[unit])]
 
 
-def read(file: TextFile, _dt: float | None, notes: list[str]) -> Values:
-    """The values of a file, and notes."""
-    at = next(i for i, line in enumerate(file.lines) if _is_npts(line))
-    block = read_block(file.lines, at + 1, notes)
-    line, samples = file.lines[at], flatten(block.rows)
-    npts, dt = _npts_and_dt(line)
-    require_count(line.number, f"NPTS = {npts}", npts, len(samples))
-    values = Values(samples, dt, block.rows, block.stated)
-    check_print(values, file.ended, notes)
-    return values
-
-
-def _is_npts(line: TextLine) -> bool:
-    return _NPTS.search(line.text) is not None and not text.is_comment(text.trimmed(line.text))
-
-
-def _npts_and_dt(line: TextLine) -> tuple[int, float]:
-    """The number of values and the time step, in s, that a line states: both positive."""
+def _npts_and_dt(line: TextLine) -> tuple[int, str, str]:
+    """The number of values, the time step as printed and its unit, that a line states."""
     header = text.plain(line.text)
     if values_first := _NPTS_BEHIND.match(header):
         npts, dt = values_first[1], values_first[2]
@@ -56,12 +45,12 @@ def _npts_and_dt(line: TextLine) -> tuple[int, float]:
     if not 0 < step < math.inf:
         raise MisreadError(line.number, f"DT = {dt} must be positive and finite")
     if not (unit := _DT_UNIT.match(header, after)):
-        return int(count), step
+        return int(count), dt, "s"
     in_unit = units.whole_unit(unit[1], units.TIME_UNIT)
     is_last = not header[unit.end() :].strip(" ,.;)]")
     if not in_unit and (is_last or unit[1].lower() in {"min", "minutes", "hz", "h", "us"}):
         raise MisreadError(line.number, f"DT = {dt} {unit[1]}: its unit must be s or ms")
-    return int(count), step * units.SECONDS[in_unit or "s"]
+    return int(count), dt, in_unit or "s"
 
 
 def _stated(name: re.Pattern[str], header: str, begin: int, letters: str) -> tuple[str, int]:
@@ -71,3 +60,13 @@ def _stated(name: re.Pattern[str], header: str, begin: int, letters: str) -> tup
         if number and (header[number.end() :][:1].lower() or " ") in " ,;" + letters:
             return number[1], number.end()
     return "", len(header)
+
+
+LAYOUT = Layout(
+    name="PEER AT2",
+    signature=_LINE.pattern,
+    component=r"(?!.*NPTS)[^,]*,[^,]*,.*?([^,\s][^,]{0,11}?)\s*$",
+    state=_state,
+    behind=_LINE.pattern,
+    history=True,
+)

@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from jaxpound.ground.formats import rows as printed
-from jaxpound.ground.formats.text import NUMBER, MisreadError, TextFile, TextLine, shown, to_float
+from jaxpound.ground.formats import statements
+from jaxpound.ground.formats.layout import Channel, Layout
+from jaxpound.ground.formats.statements import Stated, Statement
+from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, shown, to_float
 
 _HEADER_LINES = 20
-_KNET = re.compile(r"Sampling Freq\(Hz\)|Scale Factor\s++[^\s(]++\(gal\)/")
+_DIRECTIONS = {  # of KiK-net: in the borehole, and on the surface
+    str(number): f"{axis} {sensor}"
+    for number, (sensor, axis) in enumerate(
+        itertools.product(("borehole", "surface"), ("N-S", "E-W", "U-D")), 1
+    )
+}
+LAYOUT = Layout(
+    name="K-NET or KiK-net",
+    signature=r"Sampling Freq\(Hz\)|Scale Factor\s++[^\s(]++\(gal\)/",
+    component=r"Dir\. +(\S+)",
+)
 
 
-def fits(lines: Sequence[TextLine]) -> bool:
-    """Whether one of the first lines is a field of a K-NET header."""
-    return any(_KNET.match(line.text) for line in lines[:_HEADER_LINES])
-
-
-def read(file: TextFile, _dt: float | None, notes: list[str]) -> printed.Values:
-    """The values of a file."""
-    lines = file.lines
+def read(lines: Sequence[TextLine], notes: list[str]) -> Channel:
+    """The component of a file."""
     end = next((i for i, x in enumerate(lines[:_HEADER_LINES]) if x.text.startswith("Memo")), None)
     if end is None:
         raise MisreadError(None, "a K-NET header must end with its line 'Memo.'")
     header = lines[:end]
-    _, _, (rate,) = _field(header, "Sampling Freq(Hz)", rf"({NUMBER}) ?Hz", "100Hz")
+    at_rate, _, (rate,) = _field(header, "Sampling Freq(Hz)", rf"({NUMBER}) ?Hz", "100Hz")
     at_time, _, (duration,) = _field(header, "Duration Time(s)", f"({NUMBER})", "108")
     form = rf"({NUMBER}) ?\(gal\) ?/ ?({NUMBER})"
     at_scale, _, (gal, per_counts) = _field(header, "Scale Factor", form, "3920(gal)/6182761")
@@ -37,8 +45,13 @@ def read(file: TextFile, _dt: float | None, notes: list[str]) -> printed.Values:
             if not number.lstrip("+-").isdigit():
                 raise MisreadError(line, f"{number} must be a whole number of counts")
     counts = printed.flatten(rows)
-    stated = f"{rate:g} Hz for {duration:g} s, {rate * duration:.12g},"
-    printed.require_count(at_time, stated, round(rate * duration), len(counts))
+    text = f"{rate:g} Hz for {duration:g} s, {rate * duration:.12g},"
+    stated = Stated(
+        {"gal": at_scale},
+        [Statement(at_time, text, float(round(rate * duration)), 0.0)],
+        [statements.rate(at_rate, "Sampling Freq(Hz)", f"{rate:g}")],
+    )
+    printed.require_count(stated, len(counts))
     texts = {line.number: line.text for line in lines}
     ends = [[match.end() for match in re.finditer(r"\S++", texts[row.line])] for row in rows]
     last = len(ends[-1]) - 1
@@ -51,7 +64,8 @@ def read(file: TextFile, _dt: float | None, notes: list[str]) -> printed.Values:
     if abs(largest - peak) > float(printed.print_rounding([peak_text])[0]) + gal / per_counts:
         rule = f"that of the counts about their mean, {largest:.6g}: the file is damaged"
         raise MisreadError(at_peak, f"Max. Acc. = {peak_text} gal must be {rule}")
-    return printed.Values(samples, float(f"{1 / rate:.12g}"), rows, {"gal": at_scale})
+    names = tuple(_DIRECTIONS.get(name, name) for name in LAYOUT.components(header))
+    return Channel(names, stated, rows, samples)
 
 
 def _field(

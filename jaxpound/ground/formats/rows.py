@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxpound.ground.formats.header import require_acceleration, stated_units
+from jaxpound.ground.formats.statements import Stated, Statement, state_numbers
 from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, is_comment, shown, trimmed
 
 _LONGEST_HEADER = 10_000  # lines, and characters in a line
-_SLOWEST_STEP = 0.5  # in s: nothing above 1 Hz would be left of an earthquake
 FEW, _MANY = 10, 100  # values that suggest a pattern, and that exclude coincidence
 _NUMBER = re.compile(NUMBER)
 _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf(?:inity)?|[0-9]\.#\w{1,9})", re.I)
@@ -39,18 +39,9 @@ class Block(NamedTuple):
     """The header and the rows of a file."""
 
     header: Sequence[TextLine]
-    stated: dict[str, int]  # units, and the lines that state them
+    stated: Stated
     first: str  # the line of the first row
     rows: list[ValueRow]
-
-
-class Values(NamedTuple):
-    """The values of a file; ``rows`` hold only the accelerations."""
-
-    samples: NDArray[np.float64]
-    dt: float
-    rows: list[ValueRow]
-    stated: dict[str, int]  # as in ``Block``
 
 
 def read_block(lines: Sequence[TextLine], begin: int, notes: list[str]) -> Block:
@@ -63,7 +54,9 @@ def read_block(lines: Sequence[TextLine], begin: int, notes: list[str]) -> Block
             raise MisreadError(line.number, f"the header must have {rule}")
     require_acceleration(header)
     first = lines[start].text if start < len(lines) else ""
-    return Block(header, stated_units(header), first, parse_rows(lines[start:], notes))
+    stated = Stated(units=stated_units(header))
+    state_numbers(header, stated)
+    return Block(header, stated, first, parse_rows(lines[start:], notes))
 
 
 def _first_row(lines: Sequence[TextLine], begin: int) -> int:
@@ -134,24 +127,84 @@ def _tokens_of(text: str) -> list[str]:
 def _numbers(token: str) -> list[str]:
     """The numbers of a token; none if it is not numeric."""
     if _is_number(token):
-        return [token.upper().replace("D", "E")]
+        return [_plain_number(token)]
     parts = _SIGN_AFTER_NUMBER.split(token)
     # Numbers without a blank between them need decimal points: 1940-05-18 is a date.
     if not all("." in part and _is_number(part) for part in parts):
         return []
-    return [part.upper().replace("D", "E") for part in parts]
+    return list(map(_plain_number, parts))
 
 
 def _is_number(text: str) -> bool:
     return len(text) <= _LONGEST_NUMBER and _NUMBER.fullmatch(text) is not None
 
 
-def require_count(line: int, stated: str, expected: int, actual: int) -> None:
-    """Refuse a file whose number of values differs from that stated in its header."""
-    if actual != expected:
-        fault = "truncated" if actual < expected else "surplus values"
-        rule = f"must be the number of values, {actual}"
-        raise MisreadError(line, f"{fault if actual else 'no data'}: {stated} {rule}")
+def row_of(line: TextLine, form: tuple[int, int] | None, n: int | None) -> ValueRow:
+    """The row of a line, of ``form``: values a row, and characters of each, flush right.
+
+    ``n`` numbers are expected, or from one to the values of a row if that is None.
+    """
+    number, text = line.number, line.text.rstrip()
+    if form is None:
+        return _plain_row(number, trimmed(text)) or _parse_row(number, trimmed(text))
+    per_row, width = form
+    text = text[1:] if len(text) % width == 1 and text[0] == " " else text
+    cells = [text[at : at + width] for at in range(0, len(text), width)]
+    numbers = [cell.strip() for cell in cells]
+    right = all(cell[-1] != " " and _is_number(number) for cell, number in zip(cells, numbers, strict=True))
+    surplus = numbers[n:] if right and n is not None else []
+    surplus_is_zero = not any(float(_plain_number(number)) for number in surplus)
+    expected = per_row if n is None else n
+    if not (right and surplus_is_zero and (n or 1) <= len(cells) <= per_row):
+        rule = f"must be {expected} numbers of {width} characters each"
+        raise MisreadError(number, f"{shown(text.strip())} {rule}")
+    return ValueRow(number, [_plain_number(cell) for cell in numbers[:n]])
+
+
+def _plain_number(text: str) -> str:
+    """A printed number with an E for its exponent."""
+    return text.upper().replace("D", "E")
+
+
+def split_pairs(rows: list[ValueRow]) -> tuple[NDArray[np.float64], Statement, list[ValueRow]]:
+    """Accelerations of rows of pairs of time and acceleration, the interval, and their rows."""
+    for line, numbers in rows:
+        if len(numbers) % 2:
+            raise MisreadError(line, f"a row of {len(numbers)} values must be pairs of two")
+    times = [ValueRow(row.line, row.numbers[0::2]) for row in rows]
+    values = [ValueRow(row.line, row.numbers[1::2]) for row in rows]
+    return flatten(values), even_interval(times), values
+
+
+def even_interval(rows: list[ValueRow]) -> Statement:
+    """The interval of times, which must be uniform within the rounding of their print."""
+    times, numbers = flatten(rows), [number for row in rows for number in row.numbers]
+    if len(times) < 2:
+        raise MisreadError(rows[0].line, "a record must have at least two samples, this has one")
+    dt = (times[-1] - times[0]) / (len(times) - 1)
+    rounding = print_rounding(numbers)
+    slack = rounding + max(rounding[0], rounding[-1])
+    if slack.max() > 0.4 * dt:  # a lost sample shows as dt / 2
+        slack = np.zeros_like(slack)
+    off = np.abs(times - times[0] - dt * np.arange(len(times)))
+    # 1e-5 allows for times that were summed up step by step and printed with all their digits.
+    if not (dt > 0 and np.all(off <= slack + 1e-5 * dt)):
+        steps, usual = np.diff(times), np.median(np.diff(times))
+        worst = int(np.argmax(np.abs(steps - usual)))
+        rule = "uniform and positive within the rounding of the printed times"
+        message = f"time step = {steps[worst]:.6g} must be {rule}; the usual one is {usual:.6g}"
+        raise MisreadError(line_of(rows, worst + 1), message)
+    printed = (rounding[0] + rounding[-1]) / (len(times) - 1)
+    return Statement(rows[0].line, "the column of times", float(f"{dt:.12g}"), float(printed))
+
+
+def require_count(stated: Stated, n: int) -> None:
+    """Refuse a file whose number of values is none of those that its header states."""
+    if stated.counts and not any(abs(n - x.value) <= x.slack for x in stated.counts):
+        count = stated.counts[-1]
+        fault = "truncated" if n < count.value else "surplus values"
+        rule = f"must be the number of values, {n}"
+        raise MisreadError(count.line, f"{fault if n else 'no data'}: {count.text} {rule}")
 
 
 def print_rounding(numbers: list[str]) -> NDArray[np.float64]:
@@ -171,14 +224,14 @@ def require_width(rows: list[ValueRow], width: int) -> None:
             raise MisreadError(line, f"a row of {len(numbers)} value(s) must have {width}")
 
 
-def check_print(values: Values, ended: bool, notes: list[str]) -> None:
+def check_print(
+    rows: list[ValueRow], samples: NDArray[np.float64], ended: bool, notes: list[str]
+) -> None:
     """Refuse or note signs of damage: digits of printed values, a last line without a line end."""
-    _check_digits(values.rows, ended, notes)
-    peak = np.abs(values.samples)
+    _check_digits(rows, ended, notes)
+    peak = np.abs(samples)
     if len(peak) >= _MANY and not ended and peak[-1] > peak[:-1].max():
         notes.append("the last line has no end and its value is the largest: is the file cut?")
-    if values.dt >= _SLOWEST_STEP and len(peak) >= FEW:
-        notes.append(f"the time step is {values.dt:g} s: are the times in seconds?")
 
 
 def _check_digits(rows: list[ValueRow], ended: bool, notes: list[str]) -> None:

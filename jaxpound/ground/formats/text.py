@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import re
 import stat
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxpound._checks import require_folder
+from jaxpound.ground.formats import other
 
 NUMBER = r"[-+]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[EeDd][-+]?[0-9]{1,4}+(?![0-9]))?+"
 """A pattern of a decimal number, also with Fortran's D for its exponent, of at most four digits."""
@@ -25,6 +27,10 @@ class MisreadError(ValueError):
     def __init__(self, line: int | None, message: str) -> None:
         super().__init__(message)
         self.line = line
+
+
+class OtherKindError(MisreadError):
+    """A file that holds something else than horizontal acceleration: suites leave it out."""
 
 
 class TextLine(NamedTuple):
@@ -85,6 +91,10 @@ def read_file(file: Path) -> TextFile:
     if len(data) > _MOST_BYTES:
         most, size = _MOST_BYTES / 1e6, max(len(data), status.st_size) / 1e6
         raise MisreadError(None, f"must have at most {most:.0f} MB of text, not {size:.4g} MB")
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):  # as spreadsheets export it
+        data = data.decode("utf-16", "replace").encode()
+    if kind := other.kind_of(file.name, data):
+        raise OtherKindError(None, kind)
     # Before the text is split: a number begins behind a separator, or with its sign behind a digit
     # or point of another one.
     n_lines = np.count_nonzero(_among(data[1:], b"\r\n") & ~_among(data[:-1], b"\r\n"))
@@ -94,9 +104,9 @@ def read_file(file: Path) -> TextFile:
     for name, n, limit in (("lines", n_lines, _MOST_LINES), ("numbers", numbers, _MOST_NUMBERS)):
         if n > limit:
             raise MisreadError(None, f"must have at most {limit:,} {name}, not {n:,}")
-    data = data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\x1a")  # the end-of-file mark of DOS
+    data = data.removeprefix(codecs.BOM_UTF8).rstrip(b"\x1a")  # the end-of-file mark of DOS
     if re.search(rb"[\x00-\x08\x0e-\x1f]", data):
-        raise MisreadError(None, "must be plain text, not a binary or UTF-16 file")
+        raise MisreadError(None, "must be plain text, not a binary file")
     try:
         data.decode("utf-8")
         encoding = "utf-8"

@@ -1,0 +1,50 @@
+"""COSMOS V1.20 of CESMD and others: .V1c and .V2c, uncorrected and corrected accelerations.
+
+Source: "COSMOS strong motion data format, version 1.20" (2001), with its tables.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from jaxpound.ground.formats import rows
+from jaxpound.ground.formats.layout import Layout
+from jaxpound.ground.formats.statements import Stated, interval
+from jaxpound.ground.formats.text import NUMBER, TextLine
+
+_REALS = re.compile(r" *(\d+) +Real-header values follow on +(\d+) lines, Format *= *\((\d+)[FE](\d+)", re.I)
+_OF_RECORDER, _OF_SERIES = 33, 61  # indices of intervals in the real header: in s, and in ms
+_UNDEFINED = -999
+_APPROXIMATE = re.compile(rf"pts, approx +({NUMBER}) +secs?", re.I)
+
+
+def _state(header: Sequence[TextLine], stated: Stated) -> None:
+    """Add the interval of the real header that agrees with the number of values in the title."""
+    for index, line in enumerate(header):
+        if match := _REALS.match(line.text):
+            form = int(match[3]), int(match[4])
+            block = header[index + 1 : index + 1 + int(match[2])]
+            reals = [x for line in block for x in rows.row_of(line, form, None).numbers]
+            break
+    else:
+        return
+    duration = _APPROXIMATE.search(header[-1].text)
+    for at, unit in ((_OF_SERIES, 1e-3), (_OF_RECORDER, 1.0)):
+        if at < len(reals) and float(reals[at]) > 0:
+            statement = interval(line.number, "the real header", reals[at], unit)
+            most = 1 + 2 * statement.value
+            length = statement.value * stated.counts[-1].value
+            if duration is None or abs(length - float(duration[1])) <= most:
+                stated.intervals.append(statement)
+                return
+
+
+LAYOUT = Layout(
+    name="COSMOS V1.20",
+    signature=r".*\(Format v0?1\.\d+",
+    begin=r".*\(Format v0?1\.\d+",
+    component=r"Sta Cha[n:] *(?:\S+ *:|\S+:) *([^(]+?)(?: deg)? *(?:\(|$)",
+    state=_state,
+    title=r" *\d+ +\S.*?\bpts, approx",
+)

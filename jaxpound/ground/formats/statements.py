@@ -1,0 +1,140 @@
+"""The number of samples and the sampling interval that a header states in prose.
+
+The words are those of the networks: English, Spanish, Italian, German, French and Turkish.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import unicodedata
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from typing import NamedTuple
+
+from jaxpound.ground.formats.text import NUMBER, TextLine, plain
+
+_POINTS = "(?:data|datos|dati|points?|pts|samples?|muestras|puntos|campioni|values|valores|veri)"
+_COUNT = re.compile(
+    rf"\b(?:n[a-z]{{0,7}}\.?(?: total)? ?(?:of|de|di|degli)? ?(?:acc[a-z]{{0,10}} )?{_POINTS}"
+    r"(?: points)?|npts|ndata|sample count|num\. total de muestras|anzahl(?: der)? (?:mess)?werte"
+    r"|(?:veri|ornek) sayisi)(?! ?(?:/|per |por |al |a )|[a-z])"
+)
+_COUNT_BEHIND = re.compile(
+    rf"(?<![\w.+/-])([0-9]+),? (?:(?:raw|uncorrected|corrected|acc[a-z]*\.?) ){{0,2}}{_POINTS}"
+    r"(?! ?(?:/|per |por |al |a )|[a-z])"
+)
+_INTERVAL = re.compile(
+    r"\b(?:(?:sampling|sample|time|digiti[sz]ation)[ -]?(?:interval|step|period|increment|spacing)"
+    r"|(?:intervalo|paso|periodo) (?:de muestreo|de tiempo)|passo (?:di campionamento|temporale)"
+    r"|intervallo di campionamento|abtast(?:intervall|schritt)|zeit(?:schritt|intervall)"
+    r"|pas de temps|intervalle|ornekleme araligi|delta ?t|dt|(?:equally[- ]spaced )?(?:at )?"
+    r"intervals of|equally[- ]spaced at)\b"
+)
+_RATE = re.compile(
+    r"\b(?:sampl[a-z]* ?(?:rate|freq[a-z]*)|samples per sec[a-z]*|(?:tasa|vel\.|velocidad|"
+    r"frecuencia) de muestreo|frequenza di campionamento|abtast(?:rate|frequenz)"
+    r"|frequence d'echantillonnage|ornekleme (?:hizi|frekansi|orani))(?![a-z])"
+)
+_PER_SECOND = "(?:sps|hz|(?:samples?|muestras|points?|pts) ?(?:/|per|por) ?s[a-z]*)"
+_SECONDS = "(?:sec[a-z]*|s|sn|seg[a-z]*|secondi|sekunden|secondes)"
+_MS = "(?:ms|msec[a-z]*|milliseconds?)"
+_RATE_BEHIND = re.compile(rf"(?<![\w.+-])({NUMBER}) ?(?:sps|samples? ?(?:/|per) ?s[a-z]*)\b", re.I)
+_INTERVAL_BEHIND = re.compile(rf"\bat ({NUMBER}) ?({_SECONDS}|{_MS})\.? intervals?\b", re.I)
+# Behind the name of what is stated: brackets, numbers of channels, a colon; then values.
+_VALUES = re.compile(
+    rf"(?:,? c1-c[0-9])?,? ?(?P<unit>\([^()]{{1,30}}\)|\[[^][]{{1,30}}\]|[a-z/]{{1,7}}(?= ?[:=]))?"
+    rf"(?:,? c1-c[0-9])? ?(?:is |are |of |[:=])? ?/?(?P<values>{NUMBER}(?:/{NUMBER})*)"
+    r"(?![\w.:-]) ?(?P<behind>[a-z/]{1,12})?",
+    re.I,
+)
+
+
+class Statement(NamedTuple):
+    """A number that a header states, and how far the true one may be from it."""
+
+    line: int
+    text: str
+    value: float
+    slack: float
+
+
+@dataclasses.dataclass
+class Stated:
+    """What a header states: units, each with its line; numbers of samples; intervals, in s.
+
+    A format whose header keeps a number for each channel has lists of statements, one for each.
+    """
+
+    units: dict[str, int] = dataclasses.field(default_factory=dict)
+    counts: list[Statement] = dataclasses.field(default_factory=list)
+    intervals: list[Statement] = dataclasses.field(default_factory=list)
+
+
+def half_digit(number: str) -> float:
+    """Half a unit in the last printed place of a number."""
+    exponent = Decimal(number.upper().replace("D", "E")).as_tuple().exponent
+    return 0.5 * 10.0 ** int(exponent)
+
+
+def interval(line: int, text: str, number: str, factor: float = 1.0) -> Statement:
+    """The statement of an interval, of which a unit is ``factor`` s."""
+    return Statement(line, text, factor * float(number), factor * half_digit(number))
+
+
+def rate(line: int, text: str, number: str) -> Statement:
+    """The interval at a rate, in Hz, which is exact if it is printed as a whole number."""
+    hertz = float(number)
+    whole = hertz.is_integer() and "." not in number
+    slack = 0.0 if whole else half_digit(number) / hertz**2
+    return Statement(line, text, float(f"{1 / hertz:.12g}"), slack)
+
+
+def state_numbers(header: Sequence[TextLine], stated: Stated) -> None:
+    """Add the numbers of samples and intervals that a header states in prose."""
+    for number, raw in header:
+        text = folded(raw)
+        stated.counts += _counts(number, text)
+        stated.intervals += _intervals(number, text)
+
+
+def folded(text: str) -> str:
+    """A line in small letters without accents, underscores and double blanks."""
+    letters = unicodedata.normalize("NFKD", plain(text).lower().replace("ı", "i"))
+    return " ".join(letters.encode("ascii", "ignore").decode().replace("_", " ").split())
+
+
+def _counts(line: int, text: str) -> Iterator[Statement]:
+    numbers = [match[1] for match in _COUNT_BEHIND.finditer(text)]
+    for name in _COUNT.finditer(text):
+        if values := _VALUES.match(text, name.end()):
+            numbers += values["values"].split("/")[:1]
+    for number in numbers:
+        if float(number).is_integer() and float(number) > 0:
+            yield Statement(line, text, float(number), 0.0)
+
+
+def _intervals(line: int, text: str) -> Iterator[Statement]:
+    for match in _RATE_BEHIND.finditer(text):
+        if float(match[1]) > 0:
+            yield rate(line, text, match[1])
+    for match in _INTERVAL_BEHIND.finditer(text):
+        if float(match[1]) > 0:
+            yield interval(line, text, match[1], _factor(match[2]))
+    for names, is_rate in ((_INTERVAL, False), (_RATE, True)):
+        for name in names.finditer(text):
+            values = _VALUES.match(text, name.end())
+            if not values or not float(number := values["values"].split("/")[0]) > 0:
+                continue
+            unit = f"{values['unit'] or ''} {values['behind'] or ''}".strip(" ()[]")
+            if re.match(_PER_SECOND, unit) or (is_rate and not _factor(unit)):
+                yield rate(line, text, number)
+            elif _factor(unit) or not unit:
+                yield interval(line, text, number, _factor(unit) or 1.0)
+
+
+def _factor(unit: str) -> float:
+    """Size of a unit of time in s, 0 if it is none."""
+    if re.match(rf"{_MS}\b", unit):
+        return 1e-3
+    return float(re.match(rf"{_SECONDS}\b", unit) is not None)
