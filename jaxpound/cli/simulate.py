@@ -52,7 +52,7 @@ class Simulation(Structured):
 def shaking(file: File, ground: RecordSection, record: jp.Record) -> jp.Record:
     """The record with its baseline corrected, and scaled."""
     if ground.baseline != "none":
-        record = record.baseline_corrected(ground.baseline)
+        record = record.without_mean() if ground.baseline == "mean" else record.detrended()
     if ground.pga is not None:
         with named(f"{file.name}: [ground]"):
             record = record.scaled_to_pga(ground.pga)

@@ -241,6 +241,6 @@ def test_a_doubtful_record_is_refused_by_strict_runs_of_all_that_is_made_of_it(a
     with pytest.warns(jp.PlausibilityWarning, match="^Record: .*(dt = 10 s|no unit is stated)"):
         record = jp.Record(*arguments)
     rule = "simulate_row: .*(dt = 10 s should be between 0.0001 and 0.1 s|no unit is stated)"
-    for made in (record, record.scaled_to_pga(0.3), record.baseline_corrected()):
+    for made in (record, record.scaled_to_pga(0.3), record.detrended()):
         refused(rule, jp.simulate_row, FRAMES, (), made, strict=True)
     refused("simulate: .*", jp.simulate, jp.Buildings(tuple(FRAMES)), record, FINE, strict=True)
