@@ -27,9 +27,11 @@ MOST_PGA = 5.0  # peak ground acceleration, g: the largest recorded are about 4
 MOST_STATED = 2.0  # g, of a motion that is no record as it was measured: hazard maps end there
 MOST_UNSTATED = 1.5  # g, of a record of unstated unit: few records in g exceed it, many in m/s² do
 ISOLATED = 4.0  # height of a spike over the steps around it: at most 2.0 in 20 recorded motions
+LARGE = 2.5  # its height over the third largest sample: at most 0.8 there
 AROUND = 20  # samples on each side of a spike that are looked at
 NOTICED = 0.1  # of the peak: lower spikes matter little
 MOST_MEAN = 0.02  # mean over the peak; at most 0.0002 in 20 processed records
+NINES = [(10**n - 1) / 10**decimals for n in range(3, 10) for decimals in range(n)]  # 9.99, 999
 OFFSET = "the mean acceleration"  # first words of a finding about it
 SAMPLING = Range(1e-4, 0.1, "s", "accelerographs take 50 to 500 samples a second")
 MANY = 100  # least number of samples of a checked record; fewer are an example
@@ -59,8 +61,7 @@ def offset(samples: np.ndarray, dt: float) -> list[str]:
     mean, peak = float(np.mean(samples, dtype=float)), float(np.abs(samples).max())
     if len(samples) < MANY or not abs(mean) > MOST_MEAN * peak:
         return []
-    duration = (len(samples) - 1) * dt
-    speed = abs(mean) * STANDARD_GRAVITY * duration
+    speed = abs(mean) * STANDARD_GRAVITY * (duration := (len(samples) - 1) * dt)
     size = f"{mean:.4g} g, is {abs(mean) / peak:.1%} of the peak and should be at most"
     effect = f"the ground ends {speed * duration / 2:.3g} m away, at {speed:.3g} m/s"
     cure = "record.without_mean(), .detrended() or .high_passed(corner) removes it"
@@ -73,29 +74,24 @@ def missing_code(values: np.ndarray) -> tuple[float, int, int] | None:
     ``values``, shape (n,), are as printed. A code occurs at least twice, and all other values are
     below half of it, or three times in a row and most values beside it are as far away.
     """
-    codes = set(values[np.isin(np.abs(values), _NINES)].tolist())
-    for code in sorted(codes, key=abs, reverse=True):
+    sizes = np.abs(values)
+    for code in sorted({*values[np.isin(sizes, NINES)].tolist()}, key=abs, reverse=True):
         is_code, is_far = values == code, np.abs(values - code) > abs(code) / 2
         n, is_beside = int(is_code.sum()), np.convolve(is_code, [1, 0, 1], "same") * ~is_code > 0
-        others = np.abs(values[np.abs(values) != abs(code)])
-        alone = n > 1 and others.max(initial=0) < abs(code) / 2
+        alone = n > 1 and sizes[sizes != abs(code)].max(initial=0) < abs(code) / 2
         in_a_row = n > 2 and windows(is_code, 3).all(-1).any()
         if alone or (in_a_row and is_far[is_beside].mean() > 0.5):
             return code, int(is_code.argmax()), n
     return None
 
 
-_NINES = [(10**n - 1) / 10**decimals for n in range(3, 10) for decimals in range(n)]
-
-
 def _spikes(samples: np.ndarray, dt: float) -> list[str]:
     """A finding if one or two samples together stand out of those around them.
 
     Their height, what is narrower than three samples by morphological opening and closing (the
-    top-hat transform), is compared with the steps between the samples around them.
+    top-hat transform), is compared with the steps around them, and with the third largest sample:
+    where that is 0, an impulse is meant.
     """
-    if np.count_nonzero(samples) < 3:  # an impulse, which is meant
-        return []
     padded = np.pad(samples, 2)
     opened = windows(windows(padded, 3).min(-1), 3).max(-1)
     closed = windows(windows(padded, 3).max(-1), 3).min(-1)
@@ -103,15 +99,18 @@ def _spikes(samples: np.ndarray, dt: float) -> list[str]:
     # The steps of a spike of two samples are among the two on either side of each.
     steps = windows(np.abs(np.diff(np.pad(samples, AROUND + 2))), AROUND).max(-1)
     around = np.maximum(steps[: len(samples)], steps[-len(samples) :])
-    stands = (height > NOTICED * np.abs(samples).max()) & (height > ISOLATED * around)
+    third, _, peak = np.partition(np.abs(samples), [-3, -1])[-3:]
+    least = np.maximum(NOTICED * peak, np.minimum(ISOLATED * around, LARGE * third))
+    stands = (height > least) & (third > 0)
     if not (n := int(stands.sum())):
         return []
     largest = int(np.argmax(stands * height))
     subject = f"acceleration[{largest}] = {samples[largest]:.4g} g, at {largest * dt:.6g} s,"
     also = f" (one of {n}, the first at {np.argmax(stands) * dt:.6g} s)" if n > 1 else ""
-    rise = f"{height[largest]:.4g} g beyond the samples beside it{also}"
-    others = f"steps around it are at most {around[largest]:.4g} g"
-    return [f"{subject} stands alone, {rise}; {others}: is it damaged?"]
+    rise = f"stands alone, {height[largest]:.4g} g beyond the samples beside it{also}"
+    return [
+        f"{subject} {rise}; steps around it are at most {around[largest]:.4g} g: is it damaged?"
+    ]
 
 
 def unseen(ground: GroundLike, grid: TimeGrid, *, strict: bool = False) -> list[str]:

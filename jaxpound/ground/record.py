@@ -26,7 +26,6 @@ from jaxpound.quantities import STANDARD_GRAVITY
 
 # Share of a record's energy, ∫ u''² dt, that a time step may lose: 0.5 % of the rms value.
 LOST_ENERGY = 0.01
-_MOST_ORDER = 10  # of a high-pass
 _KEPT = ("name", "time_unit", "doubts", "notes", "measured")  # of what is made of a record
 
 
@@ -40,9 +39,9 @@ class Record(motion.GroundMotion):
     Raises ``ValueError`` if the samples are not one-dimensional, fewer than two or not finite, dt
     is not a number > 0, the name is not a string, or time_unit or units is unknown. Warns
     (``PlausibilityWarning``) of at least a hundred samples in seconds if dt is not between 0.0001
-    and 0.1 s; one or two samples stand four times as high above those beside them as the next ones
-    do; the mean is above 2 % of the peak, with which the ground runs away; or no units are stated
-    and the peak is above 1.5 g, as in few records in g and many in m/s².
+    and 0.1 s, one or two samples stand far out of those around them, the mean is above 2 % of the
+    peak, with which the ground runs away, or no units are stated and the peak is above 1.5 g, as in
+    few records in g and many in m/s².
 
     Parameters
     ----------
@@ -59,8 +58,8 @@ class Record(motion.GroundMotion):
         Unit of the samples: "g", "m/s2", "cm/s2" or another unit of ``read_record``; None, an
         unstated unit, means g.
 
-    The attribute ``notes`` has a sentence for each step of ``without_mean``, ``detrended`` and
-    ``high_passed`` that led to the record; transformations such as ``jit`` drop it.
+    The attribute ``notes`` says what ``without_mean``, ``detrended`` and ``high_passed`` removed;
+    transformations such as ``jit`` drop it.
 
     Examples
     --------
@@ -171,20 +170,16 @@ class Record(motion.GroundMotion):
 
         The filter runs forwards and backwards (``scipy.signal.sosfiltfilt``), so that no phase is
         shifted, between zeros of 1.5 · order / corner on either side, which are then cut off
-        (Boore 2005, doi:10.1785/0120040160). Gradients do not pass it.
+        (Boore 2005, doi:10.1785/0120040160). Raises ``ValueError`` if an argument breaks its rule,
+        or if corner or the record is traced.
 
         Parameters
         ----------
         corner
-            Corner frequency in Hz, or in cycles per unit of time: at least 1 / duration of the
-            record, below its Nyquist frequency. There 1/2 of the amplitude is left, by both runs.
+            Frequency at which both runs leave half of the amplitude, in Hz or in cycles per unit of
+            time: at least 1 / duration of the record, and below its Nyquist frequency.
         order
             Order of the filter of one run, from 1 to 10.
-
-        Raises
-        ------
-        ValueError
-            If corner or order breaks its rule; if corner or the record is traced.
         """
         owner = "Record.high_passed"
         if is_traced((corner, self.samples, self.dt)):
@@ -192,14 +187,14 @@ class Record(motion.GroundMotion):
         (corner,), order = positive_number(owner, corner=corner), count(owner, "order", order)
         dt, low, high = float(self.dt), 1 / float(self.duration), 0.5 / float(self.dt)
         ends = f"at least 1 / duration = {low:.4g} and below the Nyquist frequency, {high:.4g}"
-        up_to = Rule("order", order, order <= _MOST_ORDER, f"at most {_MOST_ORDER}")
-        enforce(owner, [Rule("corner", corner, low <= corner < high, ends), up_to])
+        up_to_10 = Rule("order", order, order <= 10, "at most 10")
+        enforce(owner, [Rule("corner", corner, low <= corner < high, ends), up_to_10])
         from scipy.signal import butter, sosfiltfilt  # as in resampled
 
         n = math.ceil(1.5 * order / (corner * dt))
         padded = np.pad(np.asarray(self.samples - self.samples.mean()), n)
-        sections = butter(order, corner / high, "highpass", output="sos")
-        samples = sosfiltfilt(sections, padded, padlen=0)[n:-n].astype(self.samples.dtype)
+        filtered = sosfiltfilt(butter(order, corner / high, "high", output="sos"), padded, padlen=0)
+        samples = filtered[n:-n].astype(self.samples.dtype)
         in_seconds = self.time_unit == motion.SECONDS
         unit = "Hz" if in_seconds else f"cycles per {self.time_unit}"
         note = f"high-pass at {corner:.6g} {unit} (Butterworth, order {order}, acausal)"
