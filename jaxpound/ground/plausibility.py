@@ -74,8 +74,8 @@ def missing_code(values: np.ndarray) -> tuple[float, int, int] | None:
     ``values``, shape (n,), are as printed. A code occurs at least twice, and all other values are
     below half of it, or three times in a row and most values beside it are as far away.
     """
-    sizes = np.abs(values)
-    for code in sorted({*values[np.isin(sizes, NINES)].tolist()}, key=abs, reverse=True):
+    codes = values[np.isin(sizes := np.abs(values), NINES)].tolist()
+    for code in sorted({*codes}, key=abs, reverse=True):
         is_code, is_far = values == code, np.abs(values - code) > abs(code) / 2
         n, is_beside = int(is_code.sum()), np.convolve(is_code, [1, 0, 1], "same") * ~is_code > 0
         alone = n > 1 and sizes[sizes != abs(code)].max(initial=0) < abs(code) / 2
@@ -107,10 +107,8 @@ def _spikes(samples: np.ndarray, dt: float) -> list[str]:
     largest = int(np.argmax(stands * height))
     subject = f"acceleration[{largest}] = {samples[largest]:.4g} g, at {largest * dt:.6g} s,"
     also = f" (one of {n}, the first at {np.argmax(stands) * dt:.6g} s)" if n > 1 else ""
-    rise = f"stands alone, {height[largest]:.4g} g beyond the samples beside it{also}"
-    return [
-        f"{subject} {rise}; steps around it are at most {around[largest]:.4g} g: is it damaged?"
-    ]
+    rise = f"stands alone, {height[largest]:.4g} g beyond the samples beside it{also};"
+    return [f"{subject} {rise} steps around are up to {around[largest]:.4g} g: is it damaged?"]
 
 
 def unseen(ground: GroundLike, grid: TimeGrid, *, strict: bool = False) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
@@ -34,7 +33,8 @@ class Record(motion.GroundMotion):
     """A recorded accelerogram: uniform samples from t = 0, joined by straight lines.
 
     Before the first sample and after the last the acceleration goes linearly to zero within one
-    sample interval, and the ground is at rest.
+    sample interval, and the ground is at rest. The attribute ``notes`` says what ``without_mean``,
+    ``detrended`` and ``high_passed`` removed.
 
     Raises ``ValueError`` if the samples are not one-dimensional, fewer than two or not finite, dt
     is not a number > 0, the name is not a string, or time_unit or units is unknown. Warns
@@ -49,7 +49,7 @@ class Record(motion.GroundMotion):
         Samples, shape (n,), n ≥ 2, in g, or in ``units``; the attribute ``samples`` is in g.
     dt, name
         Sample interval > 0, in the unit of time; a name for titles and tables, which
-        transformations such as ``jit`` drop.
+        transformations such as ``jit`` drop, as they drop ``notes``.
     time_unit
         Unit of time: "s", as in files, or "1/ω1" (also spelled "1/omega1"), that of the
         dimensionless model. Runs of dimensionless structures refuse a record in seconds;
@@ -57,9 +57,6 @@ class Record(motion.GroundMotion):
     units
         Unit of the samples: "g", "m/s2", "cm/s2" or another unit of ``read_record``; None, an
         unstated unit, means g.
-
-    The attribute ``notes`` says what ``without_mean``, ``detrended`` and ``high_passed`` removed;
-    transformations such as ``jit`` drop it.
 
     Examples
     --------
@@ -169,9 +166,9 @@ class Record(motion.GroundMotion):
         """The record without its mean and its slow motion, by an acausal Butterworth filter.
 
         The filter runs forwards and backwards (``scipy.signal.sosfiltfilt``), so that no phase is
-        shifted, between zeros of 1.5 · order / corner on either side, which are then cut off
-        (Boore 2005, doi:10.1785/0120040160). Raises ``ValueError`` if an argument breaks its rule,
-        or if corner or the record is traced.
+        shifted, with zeros of 1.5 · order / corner on either side, twice as many as Boore (2005)
+        has; what it spreads into them is cut off. Raises ``ValueError`` if an argument breaks its
+        rule, or if corner or the record is traced.
 
         Parameters
         ----------
@@ -191,7 +188,7 @@ class Record(motion.GroundMotion):
         enforce(owner, [Rule("corner", corner, low <= corner < high, ends), up_to_10])
         from scipy.signal import butter, sosfiltfilt  # as in resampled
 
-        n = math.ceil(1.5 * order / (corner * dt))
+        n = int(np.ceil(1.5 * order / (corner * dt)))
         padded = np.pad(np.asarray(self.samples - self.samples.mean()), n)
         filtered = sosfiltfilt(butter(order, corner / high, "high", output="sos"), padded, padlen=0)
         samples = filtered[n:-n].astype(self.samples.dtype)
