@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,6 +16,7 @@ from jaxpound.cli.files import images, json_text, make_folder, write_files
 from jaxpound.cli.reading import File, Section, between, named
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import FACTOR_ON_RECORD
+from jaxpound.ground.plausibility import OFFSET
 from jaxpound.ground.reader import require_possible
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 from jaxpound.simulation.buildings import record_grid
@@ -52,7 +54,7 @@ class Simulation(Structured):
 def shaking(file: File, ground: RecordSection, record: jp.Record) -> jp.Record:
     """The record with its baseline corrected, and scaled."""
     if ground.baseline != "none":
-        record = record.baseline_corrected(ground.baseline)
+        record = record.without_mean() if ground.baseline == "mean" else record.detrended()
     if ground.pga is not None:
         with named(f"{file.name}: [ground]"):
             record = record.scaled_to_pga(ground.pga)
@@ -74,7 +76,10 @@ def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "simulate")
     configuration = file.read(Simulation)
-    record = jp.read_record(args.record, dt=args.dt, units=args.units)
+    with warnings.catch_warnings():
+        if configuration.ground.baseline != "none":  # which removes it
+            warnings.filterwarnings("ignore", f".*: {OFFSET}", jp.PlausibilityWarning)
+        record = jp.read_record(args.record, dt=args.dt, units=args.units)
     record = shaking(file, configuration.ground, record)
     in_numbers = of_record(file, args.record, record)
     response = respond(file, configuration, record, strict=args.strict)

@@ -14,17 +14,25 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view as windows
 
 from jaxpound._checks import Range, is_traced
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion, records_in
 from jaxpound.ground.run_input import sampled
+from jaxpound.quantities import STANDARD_GRAVITY
 
 # The largest plausible numbers, and how many are looked at.
 MOST_PGA = 5.0  # peak ground acceleration, g: the largest recorded are about 4
 MOST_STATED = 2.0  # g, of a motion that is no record as it was measured: hazard maps end there
 MOST_UNSTATED = 1.5  # g, of a record of unstated unit: few records in g exceed it, many in m/s² do
-ISOLATED = 3.0  # largest sample over the next one: at most 1.7 in recorded motions, if undamaged
+ISOLATED = 4.0  # height of a spike over the steps around it: at most 2.0 in 20 recorded motions
+LARGE = 2.5  # its height over the third largest sample: at most 0.8 there
+AROUND = 20  # samples on each side of a spike that are looked at
+NOTICED = 0.1  # of the peak: lower spikes matter little
+MOST_MEAN = 0.02  # mean over the peak; at most 0.0002 in 20 processed records
+NINES = [(10**n - 1) / 10**decimals for n in range(3, 10) for decimals in range(n)]  # 9.99, 999
+OFFSET = "the mean acceleration"  # first words of a finding about it
 SAMPLING = Range(1e-4, 0.1, "s", "accelerographs take 50 to 500 samples a second")
 MANY = 100  # least number of samples of a checked record; fewer are an example
 MOST_GAP = 100.0  # gap over displacements of a run, whose earthquake may be weak
@@ -37,20 +45,70 @@ LOOKED_AT = 256  # earthquakes of a study: they include a 1 % event with a proba
 
 def of_samples(samples: np.ndarray, dt: float, *, stated: bool) -> list[str]:
     """Findings in the samples of a record in g and seconds; ``stated``: whether its unit was."""
-    size = np.abs(samples)
-    if len(size) < MANY:
+    if len(samples) < MANY:
         return []
     if float(f"{dt:.6g}") not in SAMPLING:  # in single precision 0.1 is more than 0.1
         return [f"dt = {dt:.6g} s should be {SAMPLING.rule}: is it in s?"]
-    largest = int(np.argmax(size))
-    highest, others = float(size[largest]), float(np.delete(size, largest).max())
-    if highest > ISOLATED * others > 0:
-        place = f"acceleration[{largest}] = {samples[largest]:.4g} g, at {largest * dt:.6g} s,"
-        return [f"{place} stands alone, no other sample is above {others:.4g} g: is it damaged?"]
-    if not stated and highest > MOST_UNSTATED:
+    findings, highest = _spikes(samples, dt), float(np.abs(samples).max())
+    if not (stated or findings) and highest > MOST_UNSTATED:
         advice = 'state units="m/s2", or units="g" if that is right'
-        return [f"no unit is stated, and in g the peak is {highest:.4g} g: {advice}"]
-    return []
+        findings = [f"no unit is stated, and in g the peak is {highest:.4g} g: {advice}"]
+    return findings + offset(samples, dt)
+
+
+def offset(samples: np.ndarray, dt: float) -> list[str]:
+    """A finding if the mean of a record in g and seconds is too large a share of its peak."""
+    mean, peak = float(np.mean(samples, dtype=float)), float(np.abs(samples).max())
+    if len(samples) < MANY or not abs(mean) > MOST_MEAN * peak:
+        return []
+    speed = abs(mean) * STANDARD_GRAVITY * (duration := (len(samples) - 1) * dt)
+    size = f"{mean:.4g} g, is {abs(mean) / peak:.1%} of the peak and should be at most"
+    effect = f"the ground ends {speed * duration / 2:.3g} m away, at {speed:.3g} m/s"
+    cure = "record.without_mean(), .detrended() or .high_passed(corner) removes it"
+    return [f"{OFFSET}, {size} {MOST_MEAN:.0%}: by it alone {effect}; {cure}"]
+
+
+def missing_code(values: np.ndarray) -> tuple[float, int, int] | None:
+    """A code of missing values, of nines such as -999 or 99.99: itself, its first index, its count.
+
+    ``values``, shape (n,), are as printed. A code occurs at least twice, and all other values are
+    below half of it, or three times in a row and most values beside it are as far away.
+    """
+    codes = values[np.isin(sizes := np.abs(values), NINES)].tolist()
+    for code in sorted({*codes}, key=abs, reverse=True):
+        is_code, is_far = values == code, np.abs(values - code) > abs(code) / 2
+        n, is_beside = int(is_code.sum()), np.convolve(is_code, [1, 0, 1], "same") * ~is_code > 0
+        alone = n > 1 and sizes[sizes != abs(code)].max(initial=0) < abs(code) / 2
+        in_a_row = n > 2 and windows(is_code, 3).all(-1).any()
+        if alone or (in_a_row and is_far[is_beside].mean() > 0.5):
+            return code, int(is_code.argmax()), n
+    return None
+
+
+def _spikes(samples: np.ndarray, dt: float) -> list[str]:
+    """A finding if one or two samples together stand out of those around them.
+
+    Their height, what is narrower than three samples by morphological opening and closing (the
+    top-hat transform), is compared with the steps around them, and with the third largest sample:
+    where that is 0, an impulse is meant.
+    """
+    padded = np.pad(samples, 2)
+    opened = windows(windows(padded, 3).min(-1), 3).max(-1)
+    closed = windows(windows(padded, 3).max(-1), 3).min(-1)
+    height = np.maximum(samples - opened, closed - samples)
+    # The steps of a spike of two samples are among the two on either side of each.
+    steps = windows(np.abs(np.diff(np.pad(samples, AROUND + 2))), AROUND).max(-1)
+    around = np.maximum(steps[: len(samples)], steps[-len(samples) :])
+    third, _, peak = np.partition(np.abs(samples), [-3, -1])[-3:]
+    least = np.maximum(NOTICED * peak, np.minimum(ISOLATED * around, LARGE * third))
+    stands = (height > least) & (third > 0)
+    if not (n := int(stands.sum())):
+        return []
+    largest = int(np.argmax(stands * height))
+    subject = f"acceleration[{largest}] = {samples[largest]:.4g} g, at {largest * dt:.6g} s,"
+    also = f" (one of {n}, the first at {np.argmax(stands) * dt:.6g} s)" if n > 1 else ""
+    rise = f"stands alone, {height[largest]:.4g} g beyond the samples beside it{also};"
+    return [f"{subject} {rise} steps around are up to {around[largest]:.4g} g: is it damaged?"]
 
 
 def unseen(ground: GroundLike, grid: TimeGrid, *, strict: bool = False) -> list[str]:

@@ -12,20 +12,20 @@ import numpy as np
 from jax.scipy.signal import detrend
 from jaxtyping import ArrayLike, Float
 
-from jaxpound._checks import Rule, enforce, finite, is_traced, number, positive_number, real
+from jaxpound._checks import Rule, count, enforce, finite, is_traced, number, positive_number, real
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import check, label, parameter, pytree_dataclass, static, unchecked
 from jaxpound.grid import TimeGrid
 from jaxpound.ground import motion
 from jaxpound.ground.formats.units import UNITS, stated_unit
-from jaxpound.ground.plausibility import of_samples
+from jaxpound.ground.plausibility import OFFSET, of_samples, offset
 from jaxpound.ground.run_input import instants
 from jaxpound.quantities import STANDARD_GRAVITY
 
 # Share of a record's energy, ∫ u''² dt, that a time step may lose: 0.5 % of the rms value.
 LOST_ENERGY = 0.01
-_KEPT = ("name", "time_unit", "doubts", "measured")  # of what is made of a record
+_KEPT = ("name", "time_unit", "doubts", "notes", "measured")  # of what is made of a record
 
 
 @pytree_dataclass
@@ -33,13 +33,15 @@ class Record(motion.GroundMotion):
     """A recorded accelerogram: uniform samples from t = 0, joined by straight lines.
 
     Before the first sample and after the last the acceleration goes linearly to zero within one
-    sample interval, and the ground is at rest.
+    sample interval, and the ground is at rest. The attribute ``notes`` says what ``without_mean``,
+    ``detrended`` and ``high_passed`` removed.
 
     Raises ``ValueError`` if the samples are not one-dimensional, fewer than two or not finite, dt
     is not a number > 0, the name is not a string, or time_unit or units is unknown. Warns
     (``PlausibilityWarning``) of at least a hundred samples in seconds if dt is not between 0.0001
-    and 0.1 s, one is more than three times all others, or no units are stated and the peak is above
-    1.5 g, as in few records in g and many in m/s².
+    and 0.1 s, one or two samples stand far out of those around them, the mean is above 2 % of the
+    peak, with which the ground runs away, or no units are stated and the peak is above 1.5 g, as in
+    few records in g and many in m/s².
 
     Parameters
     ----------
@@ -47,7 +49,7 @@ class Record(motion.GroundMotion):
         Samples, shape (n,), n ≥ 2, in g, or in ``units``; the attribute ``samples`` is in g.
     dt, name
         Sample interval > 0, in the unit of time; a name for titles and tables, which
-        transformations such as ``jit`` drop.
+        transformations such as ``jit`` drop, as they drop ``notes``.
     time_unit
         Unit of time: "s", as in files, or "1/ω1" (also spelled "1/omega1"), that of the
         dimensionless model. Runs of dimensionless structures refuse a record in seconds;
@@ -71,6 +73,7 @@ class Record(motion.GroundMotion):
     dt: Any = parameter(r"\Delta t", "time", "sample interval", above=0)
     name: str = label(default="")
     doubts: tuple[str, ...] = label(default=(), listed=False)  # of its warning as it was made
+    notes: tuple[str, ...] = label(default=(), listed=False)  # what was removed, in this order
     measured: bool = label(default=True, listed=False)  # not scaled to a peak
     time_unit: str = static(default=motion.SECONDS)
 
@@ -149,12 +152,55 @@ class Record(motion.GroundMotion):
         enforce(owner, [Rule("the record's own peak", peak, peak > 0, "positive")])
         return self._with((self.samples * (pga / peak)).astype(self.samples.dtype), measured=False)
 
-    def baseline_corrected(self, kind: str = "linear") -> Record:
-        """The record without its mean (``"mean"``) or its least-squares line (``"linear"``)."""
-        owner = "Record.baseline_corrected"
-        if kind not in ("mean", "linear"):
-            raise InvalidInput(owner, "kind", repr(kind), "must be 'mean' or 'linear'")
-        return self._with(detrend(self.samples, type="linear" if kind == "linear" else "constant"))
+    def without_mean(self) -> Record:
+        """The record without the mean of its samples, such as an instrument's offset."""
+        mean = jnp.mean(self.samples, axis=-1)
+        size = "" if is_traced(mean) or mean.ndim else f" of {float(mean):.4g} g"
+        return self._cleaned(detrend(self.samples, type="constant"), f"mean{size} removed")
+
+    def detrended(self) -> Record:
+        """The record without the least-squares line through its samples, and so without a mean."""
+        return self._cleaned(detrend(self.samples), "least-squares line removed")
+
+    def high_passed(self, corner: float, order: int = 4) -> Record:
+        """The record without its mean and its slow motion, by an acausal Butterworth filter.
+
+        The filter runs forwards and backwards (``scipy.signal.sosfiltfilt``), so that no phase is
+        shifted, with zeros of 1.5 · order / corner on either side, twice as many as Boore (2005)
+        has; what it spreads into them is cut off. Raises ``ValueError`` if an argument breaks its
+        rule, or if corner or the record is traced.
+
+        Parameters
+        ----------
+        corner
+            Frequency at which both runs leave half of the amplitude, in Hz or in cycles per unit of
+            time: at least 1 / duration of the record, and below its Nyquist frequency.
+        order
+            Order of the filter of one run, from 1 to 10.
+        """
+        owner = "Record.high_passed"
+        if is_traced((corner, self.samples, self.dt)):
+            raise InvalidInput(owner, "corner", "", "and the record must not be traced")
+        (corner,), order = positive_number(owner, corner=corner), count(owner, "order", order)
+        dt, low, high = float(self.dt), 1 / float(self.duration), 0.5 / float(self.dt)
+        ends = f"at least 1 / duration = {low:.4g} and below the Nyquist frequency, {high:.4g}"
+        up_to_10 = Rule("order", order, order <= 10, "at most 10")
+        enforce(owner, [Rule("corner", corner, low <= corner < high, ends), up_to_10])
+        from scipy.signal import butter, sosfiltfilt  # as in resampled
+
+        n = int(np.ceil(1.5 * order / (corner * dt)))
+        padded = np.pad(np.asarray(self.samples - self.samples.mean()), n)
+        filtered = sosfiltfilt(butter(order, corner / high, "high", output="sos"), padded, padlen=0)
+        samples = filtered[n:-n].astype(self.samples.dtype)
+        in_seconds = self.time_unit == motion.SECONDS
+        unit = "Hz" if in_seconds else f"cycles per {self.time_unit}"
+        note = f"high-pass at {corner:.6g} {unit} (Butterworth, order {order}, acausal)"
+        return self._cleaned(samples, note, offset(samples, dt) if in_seconds else ())
+
+    def _cleaned(self, samples: Any, note: str, doubts: Sequence[str] = ()) -> Record:
+        """Other samples, without the doubt about an offset and with a note of what was removed."""
+        others = (x for x in self.doubts if not x.startswith(OFFSET))
+        return self._with(samples, doubts=(*others, *doubts), notes=(*self.notes, note))
 
     def resampled(self, dt: float) -> Record:
         """The record at another sample interval.
@@ -223,7 +269,8 @@ class Record(motion.GroundMotion):
         title, unit = f"{self.name!r}, " if self.name else "", self.time_unit
         duration, peak = float(self.duration), float(abs(self.samples).max())
         times = f"dt = {float(self.dt):.6g} {unit}, duration {duration:.6g} {unit}"
-        return f"Record({title}{self.n_samples} samples, {times}, peak {peak:.4g} g)"
+        numbers = [f"{self.n_samples} samples", times, f"peak {peak:.4g} g"]
+        return f"Record({title}{', '.join([*numbers, *self.notes])})"
 
 
 def derived(

@@ -208,7 +208,7 @@ def test_a_limit_on_the_probability_of_pounding(write, tmp_path):
 
 def shake(path, n):
     t = 0.02 * np.arange(n)
-    np.savetxt(path, np.column_stack([t, 0.2 * np.sin(8 * t)]), delimiter=",")
+    np.savetxt(path, np.column_stack([t, 0.2 * np.sin(3 * np.pi * t)]), delimiter=",")
     return path
 
 

@@ -279,6 +279,20 @@ def test_implausible_input_is_one_warning_a_line_or_refused(write, pulse, tmp_pa
         assert warning.startswith(f"jaxpound: warning: {finding}")
 
 
+@pytest.mark.usefixtures("without_pictures")
+def test_an_offset_is_refused_if_strict_unless_the_baseline_is_corrected(write, tmp_path, capsys):
+    path, out = tmp_path / "raw.csv", tmp_path / "out"
+    times = 0.02 * np.arange(PULSE.size)
+    np.savetxt(path, np.column_stack([times, PULSE - PULSE.mean() + 0.05]), "%.6f", delimiter=",")
+    call = ["simulate", "--record", path, "--units", "g", "--out", out, "--strict", "--config"]
+    words = "the mean acceleration, 0.05 g, is"
+    refused = refusal(capsys, *call, write('series = "none"'))
+    assert refused.startswith(f"jaxpound: error: {path}: {words}")
+    for baseline in ("mean", "linear"):
+        run(*call, write(f'baseline = "{baseline}" & series = "none"'))
+    assert capsys.readouterr().err == ""
+
+
 def test_a_run_that_fails_is_told_in_one_line_and_leaves_no_empty_folder(
     pulse, tmp_path, monkeypatch, capsys
 ):

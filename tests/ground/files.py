@@ -44,7 +44,7 @@ def refusals(*rows):
 
 SHAKING = np.sin(np.arange(200) / 7) * np.exp(-np.arange(200) / 90)
 COUNTS = np.round(7000 + 900 * SHAKING).astype(int)
-COUNTS[16:18] = 9700, 9876
+COUNTS[15:20] = 8700, 9700, 9876, 9300, 8400
 
 
 def knet_text(counts=COUNTS, rate=100, scale="7845(gal)/8223790", **changed):

@@ -64,7 +64,7 @@ def test_measures_work_batched_and_ask_for_a_grid_where_they_need_one(measure):
 
 def test_spectral_accelerations_of_a_sudden_force_and_a_stiff_oscillator():
     """u'' = −1 from t = 0: x rises to (1 + e^(−πζ/√(1 − ζ²))) / ω²."""
-    record = jp.Record(-np.ones(2001), 0.002)
+    record = jp.Record(-np.ones(2001), 0.002, time_unit="1/ω1")
     spectrum = jax.jit(lambda of, p, zeta: jp.spectral_acceleration(of, period=p, damping=zeta))
     for period, damping in ((1.0, 0.05), (0.5, 0.0), (3.0, 0.3)):
         found = spectrum(record, period, damping)

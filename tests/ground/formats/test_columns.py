@@ -40,7 +40,11 @@ def test_comments_blanks_and_empty_cells_are_skipped_and_several_columns_refused
         ("0.00-0.5\n0.01+0.25\n0.02-1.E-2\n", [-0.5, 0.25, -0.01], 0.01),  # stuck together
         ("-0.02 1\n-0.01 2\n0.00 3\n", [1, 2, 3], 0.01),  # a first time other than zero
         ("10.5 1\n11 2\n11.5 3\n", [1, 2, 3], 0.5),
-        ("".join(f"{t!r} 1\n" for t in SUMMED.tolist()), np.ones(3000), 0.01),
+        (
+            "".join(f"{t!r} 1\n{u!r} -1\n" for t, u in SUMMED.reshape(-1, 2).tolist()),
+            [1, -1] * 1500,
+            0.01,
+        ),
     ],
     ids=["stuck", "negative", "late", "summed"],
 )
@@ -52,7 +56,7 @@ def test_times_of_other_kinds_are_read(write, text, values, step):
 @pytest.mark.parametrize("times", ["{:.2f}", "{:.3f}", "{:.4g}", "{:.4E}", "{!r}"])
 def test_times_may_be_rounded_in_print(write, times):
     dt, n = 1 / 16, 200
-    text = "".join(f"{times.format(k * dt)} {k % 10}.5\n" for k in range(n))
+    text = "".join(f"{times.format(k * dt)} {k % 10 - 4.5}\n" for k in range(n))
     record = read_record(write(text), units="g")
     assert record.dt == pytest.approx(dt, rel=1e-3)
     assert record.n_samples == n
@@ -102,7 +106,7 @@ def test_columns_are_not_taken_for_one_history(write):
     rows = [(k, 0.005 * k, np.sin(k / 9)) for k in range(60)]
     indexed = "".join(f"{k} {t:.3f} {a:.5f}\n" for k, t, a in rows)
     turned = "".join(f"{a:.5f} {-a:.5f} {t:.2f}\n" for _, t, a in rows)
-    three = "".join(f"{a:.5f},{1 - a:.5f},{a / 9:.5f}\n" for *_, a in rows)
+    three = "".join(f"{a:.5f},{-a:.5f},{a / 9:.5f}\n" for *_, a in rows)
     assert_reads(write(indexed), [round(a, 5) for *_, a in rows], 0.005, units="g")
     assert_refuses(write(turned), 1, "column 3 rises evenly .* must be the first", dt=0.005)
     for text, names in (
@@ -114,8 +118,8 @@ def test_columns_are_not_taken_for_one_history(write):
         says = re.escape(f"3 columns or blocks {names}: choose one by its number or name")
         assert_refuses(write(text), 1 + (text != three), says, dt=0.005)
         second = read_record(write(text), dt=0.005, units="g", column=2)
-        np.testing.assert_allclose(second.samples, [round(1 - a, 5) for *_, a in rows])
-    five = "".join(f"{a:.5f} {1 - a:.5f} {a / 9:.5f} {a:.5f} 1.0\n" for *_, a in rows)
+        np.testing.assert_allclose(second.samples, [round(-a, 5) for *_, a in rows])
+    five = "".join(f"{a:.5f} {-a:.5f} {a / 9:.5f} {a:.5f} 1.0\n" for *_, a in rows)
     with pytest.warns(
         PlausibilityWarning, match="rows of 5 values seem to be columns side by side"
     ):
