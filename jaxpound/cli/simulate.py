@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "simulate")
     configuration = file.read(Simulation)
-    record = jp.read_record(args.record, dt=args.dt, units=args.units)
+    names = ("dt", "units", "column", "vertical", "rows", "strict")
+    record = jp.read_record(args.record, **{name: getattr(args, name) for name in names})
     record = shaking(file, configuration.ground, record)
     in_numbers = of_record(file, args.record, record)
     response = respond(file, configuration, record, strict=args.strict)

@@ -292,7 +292,8 @@ def read_suite(
             findings.append(f"{Path(folder, name)}: {words}: each is taken as a station")
     warn(owner, findings, strict)
     with renamed(f"{owner}: {folder}"):
-        return _of_component(_suite_of(files), component)
+        suite = _suite_of(files)
+    return suite if component == "both" else _of_component(owner, suite, component)
 
 
 def _matching(owner: str, folder: Path, pattern: str) -> list[Path]:
@@ -353,17 +354,17 @@ def _suite_of(files: Mapping[str, list[Record]]) -> RecordSuite:
     return RecordSuite(tuple(collected), stations)
 
 
-def _of_component(suite: RecordSuite, component: Literal["both", "larger", 1, 2]) -> RecordSuite:
-    """The suite of one component of each station, or of both."""
-    if component == "both":
-        return suite
+def _of_component(
+    owner: str, suite: RecordSuite, component: Literal["larger", 1, 2]
+) -> RecordSuite:
+    """The suite of one component of each station."""
     if component == "larger":
         peak = dict(zip(suite.names, suite.pgas, strict=True)).__getitem__
         return suite.chosen([max(names, key=peak) for names in suite.stations.values()])
     for station, names in suite.stations.items():
         if len(names) < component:
             rule = f"must be there in each station: {station!r} has {names[0]!r} alone"
-            raise InvalidInput("", "component", str(component), rule)
+            raise InvalidInput(owner, "component", str(component), rule)
     return suite.chosen([names[component - 1] for names in suite.stations.values()])
 
 
