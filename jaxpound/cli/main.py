@@ -182,11 +182,7 @@ _OUT = (
 )
 _MOTION = "a random motion of 25 s, a record in the format AT2, and exit"
 _EXAMPLE_RECORD: Argument = "--example-record", _example(_MOTION, ("record",))[1]
-_RECORD = (
-    "accelerogram: a file of a network (PEER, K-NET, CSMIP, COSMOS, ESM, ...), columns of time and "
-    "acceleration, or values with --dt"
-)
-_COLUMN = "component of a file that has several: its number, from 1, or its name, such as N-S"
+_RECORD = "accelerogram: a file of a network (PEER, K-NET, ESM, ...), columns, or values with --dt"
 _ROWS = "what rows of several values are: history (one after the other), columns (side by side)"
 _JOINING = "an accelerogram in g that joins the random earthquakes; may be given several times"
 _BUILDINGS = "buildings, dampers and run; without it the example of two buildings is used"
@@ -223,7 +219,7 @@ _COMMANDS = {
             _EXAMPLE_RECORD,
             ("--units", {"help": f"of the record: {_UNITS}"}),
             ("--dt", {"help": "its time step in s, for a file that states none", "type": float}),
-            ("--column", {"help": _COLUMN}),
+            ("--column", {"help": "component of a file that has several: its number or name"}),
             ("--vertical", {"help": "take a vertical component", "action": "store_true"}),
             ("--rows", {"help": _ROWS}),
             _STRICT,

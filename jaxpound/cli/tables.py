@@ -246,9 +246,7 @@ def drawn(low: float, high: float, unit: str, why: str) -> Meta:
 FACTOR_ON_RECORD = Range(-1e3, 1e3, "", "a factor on the record's acceleration")
 
 
-def read_records(
-    place: str, folder: Path, files: Sequence[str | RecordFile], units: str | None
-) -> list[jp.Record]:
+def read_records(place: str, folder: Path, files: Files, units: str | None) -> list[jp.Record]:
     """The accelerograms of files in a folder; ``place`` is where a configuration names them."""
     stated = [{"file": x} if isinstance(x, str) else x.stated() for x in files]
     try:

@@ -26,10 +26,9 @@ from jaxpound.ground.stations import pairs_of
 from jaxpound.ground.target import SCALED_TO, FactorBounds, PeriodRange, ScaledSuite, TargetSpectrum
 
 PERIODS = 100  # number of those at which spectra are compared with a target
-_NO_RECORD = re.compile(  # files beside the records in downloads, by their names
-    r"(?:readme|licen[cs]e|copying|changelog|desktop\.ini|thumbs\.db).*|.*searchresults.*\.csv"
-    r"|.*\.(?:[vd]t2|md|rst|py|m|ipynb|toml|ya?ml|log|docx?)",
-    re.I | re.S,
+_NO_RECORD = re.compile(  # names of files beside the records in downloads
+    r"(readme|licen[cs]e|copying|thumbs\.db).*|.*(searchresults.*\.csv|\.([vd]t2|md|rst|py|m|ipynb))",
+    re.I,
 )
 
 
@@ -115,9 +114,7 @@ class RecordSuite(Shown):
         return self.records[key]
 
     def chosen(self, which: Sequence[int | str] | np.ndarray) -> RecordSuite:
-        """The suite of some of the records, by their numbers from 0 or their names.
-
-        Its stations are those of the records that are left.
+        """The suite of some of the records and their stations, by numbers from 0 or by names.
 
         Raises ``ValueError`` if there is no such record, none is chosen, or one is chosen twice.
         """
@@ -127,9 +124,9 @@ class RecordSuite(Shown):
                 rule = f"must be a record's number, from 0 to {n - 1}, or its name"
                 raise InvalidInput("RecordSuite.chosen", repr(key), "", rule)
             records.append(self[key])
-        names = {record.name for record in records}
-        stations = {key: [x for x in every if x in names] for key, every in self.stations.items()}
-        return RecordSuite(tuple(records), {key: left for key, left in stations.items() if left})
+        left = {record.name for record in records}
+        stations = {x: [*filter(left.__contains__, names)] for x, names in self.stations.items()}
+        return RecordSuite(tuple(records), {x: names for x, names in stations.items() if names})
 
     def spectra(self, periods: ArrayLike, damping: float = 0.05) -> np.ndarray:
         """``spectral_acceleration`` of each record at each period, g, shape (n, m).
@@ -226,12 +223,7 @@ class RecordSuite(Shown):
             for record, peak in zip(self.records, self.pgas, strict=True)
         ]
         columns = ("record", "samples", f"interval ({unit})", f"duration ({unit})", "PGA (g)")
-        title, n = f"{len(self)} records", len(self.stations)
-        return [
-            TextTable(
-                title + f" of {n} station{'s'[: n > 1]}" * (n < len(self)), columns, rows, digits=4
-            )
-        ]
+        return [TextTable(f"{len(self)} records", columns, rows, digits=4)]
 
 
 def read_suite(
@@ -247,12 +239,12 @@ def read_suite(
     """Read the horizontal accelerograms of a folder, in any format that ``read_record`` reads.
 
     Records are in the order of the files and have their names, with the extension where two files
-    have the same name, and with that of the component where a file has several. Hidden files and
-    subfolders are not read; vertical components, velocities, spectra, tables of a search, texts,
-    pictures and archives are left out. The two components of a file are a station of the suite, as
-    are two files whose names differ in directions at right angles: azimuths (``ELC180``,
-    ``ELC270``), axes (``_N``, ``_E``; ``FN``, ``FP``; ``_H1``, ``_H2``), SEED channels (``HNE``,
-    ``HNN``) or K-NET's extensions. Where these are more than two, each is a station of its own.
+    have the same name, and with that of the component where a file has several. Folders in it,
+    hidden files, vertical components, velocities, spectra, tables of a search, texts, pictures and
+    archives are left out. A station is the two components of a file, or two files whose names
+    differ in directions at right angles: azimuths (``ELC180``, ``ELC270``), axes (``_N``, ``_E``;
+    ``FN``, ``FP``; ``_H1``, ``_H2``), SEED channels (``HNE``, ``HNN``) or K-NET's extensions. All
+    others are stations of their own, also where more than two go together.
 
     Raises ``ValueError`` if there is no such folder, no file fits the pattern or has horizontal
     accelerations, an argument breaks its rule, or ``read_record`` refuses a file, which the message
@@ -263,13 +255,11 @@ def read_suite(
     ----------
     folder, pattern
         The folder, and which of its files are read, such as "*.csv", regardless of case.
-    dt, units, rows
+    dt, units, rows, strict
         As in ``read_record``, for all files.
     component
         "both"; "larger", that of larger PGA of each station; or 1 or 2, the first or second of each
         station in the order of the records: an error if a station has one alone.
-    strict
-        Whether a warning is raised as a ``ValueError``.
 
     Examples
     --------
@@ -277,40 +267,35 @@ def read_suite(
     ``{"A*.AT2": ("A000", "A090")}``, and ``read_suite("records", component=2)`` has ``A090`` alone.
     """
     owner = "read_suite"
-    if isinstance(component, bool) or component not in ("both", "larger", 1, 2):
+    if component not in ("both", "larger", 1, 2) or isinstance(component, bool | float):
         rule = "must be 'both', 'larger', 1 or 2"
         raise InvalidInput(owner, "component", repr(component), rule)
-    options = {"dt": dt, "units": units, "rows": rows, "strict": strict}
-    files, left_out = _read_files(owner, _matching(owner, Path(folder), pattern), **options)
-    if not files:
-        rule = f"must hold a horizontal acceleration, but has {left_out} only"
-        raise InvalidInput(owner, "folder", repr(str(folder)), rule)
-    findings = [f"{folder}: left out are {left_out}"] if left_out else []
-    for name, records in files.items():
-        if len(records) > 2:
-            words = f"{len(records)} components, none of which is said to be vertical"
-            findings.append(f"{Path(folder, name)}: {words}: each is taken as a station")
-    warn(owner, findings, strict)
-    with renamed(f"{owner}: {folder}"):
-        suite = _suite_of(files)
-    return suite if component == "both" else _of_component(owner, suite, component)
-
-
-def _matching(owner: str, folder: Path, pattern: str) -> list[Path]:
-    """The files of a folder that fit a pattern, in the order of their names."""
-    if not folder.is_dir():
+    if not (place := Path(folder)).is_dir():
         raise InvalidInput(owner, "folder", repr(str(folder)), "must be a folder")
     if not isinstance(pattern, str) or not pattern:
         raise InvalidInput(owner, "pattern", repr(pattern), "must be a pattern such as '*.AT2'")
-    files = sorted(x for x in folder.iterdir() if x.is_file() and not x.name.startswith("."))
-    matching = [path for path in files if fnmatchcase(path.name.lower(), pattern.lower())]
+    paths = sorted(x for x in place.iterdir() if x.is_file() and not x.name.startswith("."))
+    matching = [path for path in paths if fnmatchcase(path.name.lower(), pattern.lower())]
     if not matching:
-        kinds = ", ".join(sorted({f"*{path.suffix}" for path in files if path.suffix})[:8])
+        kinds = ", ".join(sorted({f"*{path.suffix}" for path in paths if path.suffix})[:8])
         content = f"it has {kinds}" if kinds else "it is empty"
         raise InvalidInput(
-            owner, "pattern", repr(pattern), f"must fit a file in {folder}: {content}"
+            owner, "pattern", repr(pattern), f"must fit a file in {place}: {content}"
         )
-    return matching
+    options = {"dt": dt, "units": units, "rows": rows, "strict": strict}
+    files, left_out = _read_files(owner, matching, **options)
+    if not files:
+        rule = f"must hold a horizontal acceleration, but has {left_out} only"
+        raise InvalidInput(owner, "folder", repr(str(folder)), rule)
+    findings = [f"{place}: left out are {left_out}"] if left_out else []
+    for name, records in files.items():
+        if len(records) > 2:
+            words = f"none of its {len(records)} components, each a station, is said to be vertical"
+            findings.append(f"{place / name}: {words}")
+    warn(owner, findings, strict)
+    with renamed(f"{owner}: {place}"):
+        suite = _suite_of(files)
+    return suite if component == "both" else _of_component(owner, suite, component)
 
 
 def _read_files(
@@ -332,11 +317,9 @@ def _read_files(
             raise error.replaced(owner=f"{owner}: {error.owner}".removesuffix(": ")) from error
         except ValueError as error:  # a file that could not be read
             raise ValueError(f"{owner}: {error}") from error
-    words = (
-        ", ".join(names[:3]) + f" and {len(names) - 3} more" * (len(names) > 3) + f": {reason}"
-        for reason, names in others.items()
-    )
-    return files, "; ".join(words)
+    for names in others.values():
+        names[3:] = [f"{len(names) - 3} more"] if names[3:] else []
+    return files, "; ".join(f"{', '.join(names)}: {why}" for why, names in others.items())
 
 
 def _suite_of(files: Mapping[str, list[Record]]) -> RecordSuite:

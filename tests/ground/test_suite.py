@@ -100,7 +100,7 @@ def test_a_download_of_peer_is_the_suite_of_its_horizontal_components(tmp_path):
     (message,) = (str(warning.message) for warning in caught)
     for words in ("(UP)", "picture", "zip archive", "the header says sa", "by the name no record"):
         assert words in message
-    for words in ("RSN6_X_3.AT2", "spectrum.csv", "and 2 more: by the name"):
+    for words in ("RSN6_X_3.AT2", "spectrum.csv", "2 more: by the name"):
         assert words in message
     refused("left out are", jp.read_suite, whole, strict=True)
     refused(r"must hold a horizontal acceleration, but has .*-UP", jp.read_suite, whole, "*UP*")
@@ -134,7 +134,6 @@ def test_stations_of_mixed_formats(tmp_path):
         "quake_002": ("quake_002",),
         "three": ("three N-S", "three E-W"),
     }
-    assert repr(suite).startswith("12 records of 7 stations\n")
     larger = ("AOM NS", "AOM1 NS1", "AOM2 NS2", "four_H2", "quake_001", "quake_002", "three N-S")
     assert jp.read_suite(tmp_path, component="larger").names == larger
     refused("component = 2 must be there .*: 'quake_001' has", jp.read_suite, tmp_path, component=2)
@@ -142,7 +141,7 @@ def test_stations_of_mixed_formats(tmp_path):
     assert left.stations == {"AOM.*": ("AOM NS",), "three": ("three E-W",)}
     assert suite.scaled(2.0).stations == suite.stations
     (tmp_path / "array.csv").write_text(columns([0.2, 0.1, 0.4], "abc"))
-    with pytest.warns(jp.PlausibilityWarning, match=r"array\.csv: 3 components, none of which"):
+    with pytest.warns(jp.PlausibilityWarning, match=r"array\.csv: none of its 3 components"):
         assert jp.read_suite(tmp_path, "arr*").stations == {
             f"array {x}": (f"array {x}",) for x in "abc"
         }
@@ -185,7 +184,6 @@ def test_stations_of_a_suite_by_hand():
     assert jp.RecordSuite([one, one]).stations == {f"record {i}": (f"record {i}",) for i in (1, 2)}
     suite = jp.RecordSuite([one, one], {"here": ["record 1", "record 2"]})
     assert suite.stations == {"here": ("record 1", "record 2")}
-    assert "2 records of 1 station\n" in repr(suite)
     refused("stations = .* must have each of the records once", jp.RecordSuite, [one], {"x": ["a"]})
 
 
