@@ -46,7 +46,7 @@ class RecordFile(Section):
     """A file of a record, with what it does not state and which of its components is meant."""
 
     file: str
-    column: int | str | None = None
+    column: Annotated[int, Count] | str | None = None
     vertical: bool | None = None
     rows: str | None = None
     units: str | None = None

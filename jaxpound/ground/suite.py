@@ -26,8 +26,9 @@ from jaxpound.ground.stations import pairs_of
 from jaxpound.ground.target import SCALED_TO, FactorBounds, PeriodRange, ScaledSuite, TargetSpectrum
 
 PERIODS = 100  # number of those at which spectra are compared with a target
-_NO_RECORD = re.compile(  # names of files beside the records in downloads
-    r"(readme|licen[cs]e|copying|thumbs\.db).*|.*(searchresults.*\.csv|\.([vd]t2|md|rst|py|m|ipynb))",
+_NO_RECORD = re.compile(  # names of files beside the records
+    r"(readme|licen[cs]e|copying|thumbs\.db).*"
+    r"|.*(searchresults.*\.csv|\.([vd]t2|md|rst|py|m|ipynb|toml|ya?ml|log))",
     re.I,
 )
 

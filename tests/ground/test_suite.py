@@ -88,7 +88,7 @@ def test_a_download_of_peer_is_the_suite_of_its_horizontal_components(tmp_path):
     beside |= {f"{stem}{x}T2": at2(motion(9), 0.01, kind=velocity) for x in ("180.V", "180.D")}
     spectrum, words = "T (s),Sa (g)\n0.01,.2\n.02,.3\n.03,.4\n.05,.3\n", "Terms of use.\n"
     beside |= {"_SearchResults.csv": "Result ID, Scale Factor\n1, 2.0\n0.01, 0.2\n"}
-    beside |= {"spectrum.csv": spectrum, "README.txt": words, "LICENSE": words}
+    beside |= {"spectrum.csv": spectrum, "README.txt": words, "ida.toml": "gap = 1"}
     beside |= {"spectra.png": b"\x89PNG\r\n\x1a\n\0", "all.zip": b"PK\3\4..."}
     alone = jp.read_suite(folder("alone", horizontal))
     whole = folder("whole", horizontal | beside)
