@@ -196,7 +196,8 @@ class _Source:
         """The record of a component, whose count, interval, unit and values are checked."""
         name = self.path.stem
         if len(self.channels) > 1:
-            name += f" {channel.names[0] if channel.names else self.channels.index(channel) + 1}"
+            number = 1 + next(i for i, x in enumerate(self.channels) if x is channel)
+            name += f" {channel.names[0] if channel.names else number}"
         channel, notes = _within_count(channel), [*self.notes]
         rows, stated, samples = channel.rows, channel.stated, channel.samples
         printed.require_count(stated, len(samples))

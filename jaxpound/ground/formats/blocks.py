@@ -21,12 +21,15 @@ def read(layout: Layout, lines: Sequence[TextLine]) -> list[Channel]:
     """The components of a file, in their order."""
     begin = re.compile(layout.begin, re.I)
     starts = [i for i, line in enumerate(lines) if begin.match(line.text)]
+    for number, text in lines[: starts[0]]:
+        if _OTHER_VALUES.search(text):
+            raise OtherKindError(number, f"{shown(text.strip())}: must be accelerations")
     ends = [*starts[1:], len(lines)]
     return [_channel(layout, lines[i:end]) for i, end in zip(starts, ends, strict=True)]
 
 
 def _channel(layout: Layout, lines: Sequence[TextLine]) -> Channel:
-    at, form = _first_value(layout, lines)
+    at, form, pairs = _first_value(layout, lines)
     header, stated = lines[:at], Stated()
     text = [line for line in header if not _NUMBERS_ONLY.fullmatch(line.text)]
     require_acceleration(text)
@@ -38,19 +41,21 @@ def _channel(layout: Layout, lines: Sequence[TextLine]) -> Channel:
         rule = f"{layout.name} must state the number of values"
         raise MisreadError(lines[0].number, f"the header of a component of a file of {rule}")
     count = stated.counts[-1]
-    n = int(count.value) * (1 + layout.pairs)
+    n = int(count.value) * (1 + pairs)
     rows, end = _rows(lines, at, n, form)
     n_read = sum(len(row.numbers) for row in rows)
     _require_whole(layout, lines[end:], n, n_read, form)
     names = tuple(layout.components(header))
-    if not layout.pairs:
+    if not pairs:
         return Channel(names, stated, rows, printed.flatten(rows))
     samples, times, rows = printed.split_pairs(rows)
     return Channel(names, stated, rows, samples, times)
 
 
-def _first_value(layout: Layout, lines: Sequence[TextLine]) -> tuple[int, tuple[int, int] | None]:
-    """The index of the first row of values, how many a row has, and the characters of each."""
+def _first_value(
+    layout: Layout, lines: Sequence[TextLine]
+) -> tuple[int, tuple[int, int] | None, bool]:
+    """The index of the first row of values, their form, and whether they are pairs with times."""
     if layout.title:
         title = re.compile(layout.title, re.I)
         for index, line in enumerate(lines[:-1]):
@@ -59,18 +64,19 @@ def _first_value(layout: Layout, lines: Sequence[TextLine]) -> tuple[int, tuple[
                     rule = "must be accelerations first"
                     raise OtherKindError(line.number, f"{shown(line.text.strip())}: {rule}")
                 form = _FORM.search(line.text)
-                return index + 1, (int(form[1] or 1), int(form[2])) if form else layout.form
-    at = 0
+                titled = (int(form[1] or 1), int(form[2])) if form else layout.form
+                return index + 1, titled, False
+    at = 1
     for n_rows, per_row, width in layout.numbers:
         while at < len(lines) and not _is_full(lines[at].text, per_row, width):
             at += 1
         at += n_rows
     while at < len(lines) and not _NUMBERS_ONLY.fullmatch(lines[at].text):
         at += 1
-    if not layout.numbers or at >= len(lines):
+    if at >= len(lines):
         rule = "there are no values where they should be"
         raise MisreadError(lines[0].number, f"no data: in this file of {layout.name} {rule}")
-    return at, layout.form
+    return at, layout.pairs or layout.form, layout.pairs is not None
 
 
 def _is_full(text: str, per_row: int, width: int) -> bool:
@@ -115,7 +121,9 @@ def _require_whole(
         return  # the count is checked by the reader
     more = 0
     for line in behind:
-        if not _begins_number(line.text) or (layout.title and not _NUMBERS_ONLY.fullmatch(line.text)):
+        if not _begins_number(line.text) or (
+            layout.title and not _NUMBERS_ONLY.fullmatch(line.text)
+        ):
             break
         row = printed.row_of(line, form, None)
         more += len(row.numbers) if any(map(float, row.numbers)) or layout.integrals else 0

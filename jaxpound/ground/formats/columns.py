@@ -51,11 +51,14 @@ def read(
     if layout.unit:
         block.stated.units[layout.unit] = lines[0].number
     if not block.rows:
-        rule = "it must hold rows of numbers"
-        if block.stated.counts:
-            rule = f"the header states {block.stated.counts[-1].value:g} values"
-        raise MisreadError(None, f"no data: {rule}")
-    block, dt = _without_first_numbers(block, dt)
+        counts = block.stated.counts
+        rule = (
+            f"{counts[-1].text} must be followed by them"
+            if counts
+            else "it must hold rows of numbers"
+        )
+        raise MisreadError(counts[-1].line if counts else None, f"no data: {rule}")
+    block = _without_first_numbers(block, dt)
     stated, rows = block.stated, block.rows
     if layout.history or form == HISTORY:
         width = len(rows[0].numbers)
@@ -78,9 +81,9 @@ def _channels(
     if width == 2 and _names_times(names) is None and not _are_components(block, rows, dt):
         names = names or [(), ()]
         return _timed(block, rows, names)
-    if (first := _names_times(names)) is not None or (width > 2 and _first_are_times(rows)):
+    if (first := _names_times(names)) is not None or (width > 2 and _first_are_times(rows, dt)):
         printed.require_width(rows, width)
-        first = first or int(_is_index(rows) and _first_are_times(_columns_from(rows, 1)))
+        first = first or int(_is_index(rows) and _first_are_times(_columns_from(rows, 1), dt))
         names = names[first:] if names else [()] * (width - first)
         return _timed(block, _columns_from(rows, first), names)
     if width in _SIDE_BY_SIDE or names or (in_columns and width > 1):
@@ -90,7 +93,9 @@ def _channels(
             Channel(tuple(names[k]) if names else (), stated, *_column(rows, k))
             for k in range(width)
         ]
-    return [Channel(tuple(layout.components(block.header)), stated, rows, _history(block, dt, notes))]
+    return [
+        Channel(tuple(layout.components(block.header)), stated, rows, _history(block, dt, notes))
+    ]
 
 
 def _column(rows: list[ValueRow], k: int) -> tuple[list[ValueRow], NDArray[np.float64]]:
@@ -135,9 +140,7 @@ def _history(block: Block, dt: float | None, notes: list[str]) -> NDArray[np.flo
     return _without_integrals(rows, flatten(rows))
 
 
-def _without_integrals(
-    rows: list[ValueRow], samples: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _without_integrals(rows: list[ValueRow], samples: NDArray[np.float64]) -> NDArray[np.float64]:
     """The samples; a ``MisreadError`` if velocities follow the accelerations, in equal number."""
     for parts in (2, 3):
         n = len(samples) // parts
@@ -174,9 +177,9 @@ def _rises_evenly(column: list[float], dt: float | None, *, alone: bool) -> bool
     return bool(np.abs(off).max() <= (2.1 if n >= 4 * FEW else 0.01) * steps.mean())
 
 
-def _first_are_times(rows: list[ValueRow]) -> bool:
+def _first_are_times(rows: list[ValueRow], dt: float | None) -> bool:
     return len(rows[0].numbers) > 1 and _rises_evenly(
-        [float(row.numbers[0]) for row in rows if row.numbers], None, alone=False
+        [float(row.numbers[0]) for row in rows if row.numbers], dt, alone=False
     )
 
 
@@ -200,7 +203,7 @@ def _are_components(block: Block, rows: list[ValueRow], dt: float | None) -> boo
     return bool(0.2 < rising.mean() < 0.8)
 
 
-def _without_first_numbers(block: Block, dt: float | None) -> tuple[Block, float | None]:
+def _without_first_numbers(block: Block, dt: float | None) -> Block:
     """A block without the number of values and the interval that may stand ahead of them."""
     rows, stated = block.rows, block.stated
     widths = [len(row.numbers) for row in rows[:3]]
@@ -210,14 +213,19 @@ def _without_first_numbers(block: Block, dt: float | None) -> tuple[Block, float
         stated.intervals.append(interval(line, "the first line", step))
     elif len(rows) > FEW and widths == [1, 1, 1]:
         first, behind = rows[0].numbers[0], [row.numbers[0] for row in rows[1:]]
-        if _is_count(first, behind):
+        if counted := _is_count(first, behind):
             _state_first(stated, rows[0].line, first)
             rows, behind = rows[1:], behind[1:]
             first = rows[0].numbers[0]
-        if _is_step(first, behind, dt, stated):
-            stated.intervals.append(interval(rows[0].line, "the first line", first))
+        if _is_step(first, behind):
+            line = rows[0].line
+            if dt is None and not counted:
+                rule = f"pass dt={float(first):g} if it is one, in s"
+                message = f"{first} stands apart from the values behind it, as a time step does"
+                raise MisreadError(line, f"{message}: {rule}")
+            stated.intervals.append(interval(line, "the first line", first))
             rows = rows[1:]
-    return block._replace(rows=rows), dt
+    return block._replace(rows=rows)
 
 
 def _is_count(first: str, behind: list[str]) -> bool:
@@ -234,14 +242,12 @@ def _state_first(stated: Stated, line: int, count: str) -> None:
     stated.counts.append(Statement(line, "the first line", float(count), 0.0))
 
 
-def _is_step(first: str, behind: list[str], dt: float | None, stated: Stated) -> bool:
-    """Whether the first of some values is the time step: it stands apart from those behind it."""
-    value = float(first)
-    early = np.array([float(number) for number in behind[: 2 * FEW]])
-    apart = abs(value - early[0]) > 20 * np.abs(np.diff(early)).max()
-    counted = any(statement.text == "the first line" for statement in stated.counts)
-    usual = 0 < value <= 0.1 and abs(1 / value - round(1 / value)) < 1e-6 / value
-    return bool(apart and usual and (counted or dt is not None or value != 0))
+def _is_step(first: str, behind: list[str]) -> bool:
+    """Whether the first of some values is like a time step, and stands apart from the others."""
+    value, early = float(first), np.array([float(number) for number in behind[: 2 * FEW]])
+    if not 0 < value <= 0.1 or abs(1 / value - round(1 / value)) > 1e-6 / value:
+        return False
+    return bool(abs(value - early[0]) > 20 * np.abs(np.diff(early)).max())
 
 
 def _names_in(header: Sequence[TextLine]) -> list[tuple[int, str, list[str]]]:

@@ -13,7 +13,9 @@ from jaxpound.ground.formats.layout import Layout
 from jaxpound.ground.formats.statements import Stated, interval
 from jaxpound.ground.formats.text import NUMBER, TextLine
 
-_REALS = re.compile(r" *(\d+) +Real-header values follow on +(\d+) lines, Format *= *\((\d+)[FE](\d+)", re.I)
+_REALS = re.compile(
+    r" *(\d+) +Real-header values follow on +(\d+) lines, Format *= *\((\d+)[FE](\d+)", re.I
+)
 _OF_RECORDER, _OF_SERIES = 33, 61  # indices of intervals in the real header: in s, and in ms
 _UNDEFINED = -999
 _APPROXIMATE = re.compile(rf"pts, approx +({NUMBER}) +secs?", re.I)

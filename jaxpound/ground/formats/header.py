@@ -15,12 +15,14 @@ from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, plain, 
 
 _ACCELERATION = re.compile(
     r"(?<![^\W_])(?:(?:acc(?:el(?!ero)[^\W\d_]*+|n|s)?|acel(?!ero)[^\W\d_]*+)(?![^\W_])\.?"
-    r"|amplitudes?(?![^\W_])|ag?(?= ?[(\[]))"
+    r"|amplitudes?(?![^\W_])|beschleunigung|acc[ée]l[ée]ration|ivme|ag?(?= ?[(\[]))"
     r"(?: (?:time|history|series|data|values?|record|trace|ordinates?)\b){0,3}",
     re.I,
 )
-_UNITS = re.compile(r"units?(?![^\W\d])", re.I)
-_OF = re.compile(r" ?(?:(?:of|is|are|the)\b|in(?= )|[:=(\[])", re.I)
+_UNITS = re.compile(
+    r"(?:units?|unidad(?:es)?|unit[àa]'?|einheit(?:en)?|unit[ée]s?|birim[iı]?)(?![^\W\d])", re.I
+)
+_OF = re.compile(r" ?(?:(?:of|is|are|the|utc)\b|in(?= )|[:=(\[,])", re.I)
 _IN = re.compile(r"\bin ", re.I)
 _SEPARATOR = re.compile(r"(?:[,;:=/]|(?:is|are)\b) ?", re.I)
 _TIME_IN = re.compile(r"\btimes? (?:is |are )?in ", re.I)
@@ -38,6 +40,11 @@ _SCALE = re.compile(
     r"\b(?:counts?|(?:scale|scaling|calibration|conversion) ?factor|sensitivity|multiplier|lsb)\b",
     re.I,
 )
+_NOT_OF_DATA = set_of(  # a bracketed unit behind them is that of a range, a level or a filter
+    "scale escala esc range rango fondo trigger threshold umbral disparo level soglia filter "
+    "filtro corner cutoff resolution noise gain"
+)
+_SENSORS = set_of("sensor sensors sensores sensore")  # unless data are spoken of
 _INSTRUMENTS = set_of("recorder recording instrument sensor housing power plant")
 
 
@@ -87,6 +94,9 @@ def _units_of_line(line: TextLine) -> Iterator[str]:
     for match in _IN.finditer(text, begin):
         yield from _after_in(number, text, match.end())
     for match in units.BRACKET.finditer(text):
+        before = set(units.words_of(text[: match.start()]))
+        if before & _NOT_OF_DATA or (before & _SENSORS and not series):
+            continue
         if set(_words_before(text, match.start())[-1:]) & (units.OTHER_QUANTITIES | units.TIMES):
             continue
         inside = units.inside_of(match)
@@ -162,8 +172,8 @@ def _after_in(number: int, text: str, at: int) -> Iterator[str]:
     if _UNITS.match(text, at) or units.BRACKET.match(text, at):
         return
     words = str(_SEGMENT.match(text, at)[0])  # type: ignore[index]
-    if unit_and_end := units.match_unit(text, at):
-        yield unit_and_end[0]
+    if listed := _listed(text, at):
+        yield from listed
     elif units.goes_on(words) or units.looks_like_unit(words) or units.is_value_of_unit(words):
         raise _unknown(number, words)
 

@@ -7,15 +7,18 @@ from collections.abc import Iterator
 from typing import Any
 
 from jaxpound.ground.formats import units
+from jaxpound.ground.formats.header import require_acceleration, stated_units
 from jaxpound.ground.formats.layout import Channel
 from jaxpound.ground.formats.rows import ValueRow, flatten
 from jaxpound.ground.formats.statements import Stated, Statement, interval
-from jaxpound.ground.formats.text import MisreadError, TextLine, shown
+from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextLine, shown
 
 _INTERVALS = ("dT", "dt", "timeStep", "time_step")
-_COUNTS = ("npts", "numSteps", "NPTS", "nPts")
-_UNITS = ("units", "unit")
-_AXES = {"data_x": "x", "data_y": "y", "data_z": "z"}
+_COUNTS = ("npts", "NPTS", "numSteps", "numPoints")
+_FACTORS = ("factor", "scaleFactor")
+_TEXTS = ("info", "description")
+_AXES = {"data_x": "x", "data_y": "y", "data_z": "z", "1": "x", "2": "y", "3": "z"}
+_OTHER_KINDS = ("velocity", "displacement")
 
 
 def fits(lines: list[TextLine]) -> bool:
@@ -47,9 +50,12 @@ def _histories(tree: Any, above: dict[str, Any]) -> Iterator[Channel]:
     """The lists of numbers of a tree, with what the objects around them state."""
     if isinstance(tree, dict):
         above = above | {key: x for key, x in tree.items() if not isinstance(x, list)}
+        for pattern in tree.get("pattern") or []:
+            above = above | _of_pattern(pattern)
         for key, value in tree.items():
+            names = above.get(f"axis of {tree.get('name')}"), _AXES.get(key, key)
             for channel in _histories(value, above):
-                yield channel._replace(names=channel.names or (_AXES.get(key, key),))
+                yield channel._replace(names=channel.names or tuple(filter(None, names))[:1])
     elif isinstance(tree, list) and tree and all(isinstance(x, _Printed) for x in tree):
         rows = [ValueRow(1, [str(number).upper() for number in tree])]
         yield Channel((), _stated(above), rows, flatten(rows))
@@ -61,22 +67,41 @@ def _histories(tree: Any, above: dict[str, Any]) -> Iterator[Channel]:
             yield from _histories(branch, above)
 
 
+def _of_pattern(pattern: Any) -> dict[str, Any]:
+    """The axis of a time series, from the pattern of loads of an event."""
+    if not isinstance(pattern, dict):
+        return {}
+    kind = str(pattern.get("type"))
+    if other := next((x for x in _OTHER_KINDS if x in kind.lower()), None):
+        raise OtherKindError(
+            None, f"must be an acceleration history, but its type is {kind}: {other}"
+        )
+    return {f"axis of {pattern.get('timeSeries')}": _AXES.get(str(pattern.get("dof")))}
+
+
 def _stated(above: dict[str, Any]) -> Stated:
     stated = Stated()
-    for key in _INTERVALS:
-        if isinstance(number := above.get(key), _Printed):
-            if not float(number) > 0:
-                raise MisreadError(None, f"{key} = {number} must be positive")
+    for key, number in above.items():
+        if not isinstance(number, _Printed):
+            continue
+        if key in _INTERVALS + _FACTORS and not float(number) > 0:
+            raise MisreadError(None, f"{key} = {number} must be positive")
+        if key in _INTERVALS:
             stated.intervals.append(interval(1, f'"{key}"', number))
-    for key in _COUNTS:
-        if isinstance(number := above.get(key), _Printed):
-            stated.counts.append(Statement(1, f'"{key}"', float(number), 0.0))
-    for key in _UNITS:
-        unit = above.get(key)
-        unit = unit.get("acceleration", unit.get("acc")) if isinstance(unit, dict) else unit
-        if isinstance(unit, str):
-            if not (name := units.whole_unit(unit)):
-                rule = f"must be one of {', '.join(units.UNITS)}"
-                raise MisreadError(None, f'"{key}" = {shown(unit)} {rule}')
-            stated.units[name] = 1
+        elif key in _COUNTS:
+            stated.counts.append(Statement(1, f'"{key}" = {number}', float(number), 0.0))
+        elif key in _FACTORS and float(number) != 1:
+            raise MisreadError(None, f"{key} = {number} must be 1: scale the values by it")
+    texts = [TextLine(1, text) for key in _TEXTS if isinstance(text := above.get(key), str)]
+    require_acceleration(texts)
+    stated.units |= stated_units(texts)
+    unit = above.get("units", above.get("unit"))
+    if isinstance(unit, dict):
+        of_length = f"{unit.get('length')}/{unit.get('time')}2" if "length" in unit else None
+        unit = unit.get("acceleration", unit.get("acc", of_length))
+    if isinstance(unit, str):
+        if not (name := units.whole_unit(unit)):
+            rule = f"must be one of {', '.join(units.UNITS)}"
+            raise MisreadError(None, f'"units" = {shown(unit)} {rule}')
+        units.state(stated.units, name, 1)
     return stated

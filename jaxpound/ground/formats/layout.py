@@ -39,10 +39,12 @@ class Layout:
     behind: str = ""  # the line behind which rows begin
     history: bool = False  # rows of several values are one history, else a row of components
     begin: str = ""  # the first line of a block
-    numbers: tuple[tuple[int, int, int], ...] = ()  # rows, values a row, characters each: of a header
+    numbers: tuple[
+        tuple[int, int, int], ...
+    ] = ()  # rows, values a row, characters each: of a header
     title: str = ""  # the line ahead of the accelerations of a block
     form: tuple[int, int] | None = None  # values a row and characters of each, unless the title's
-    pairs: bool = False  # values are pairs of time and acceleration
+    pairs: tuple[int, int] | None = None  # the form of pairs of time and acceleration, untitled
     integrals: bool = False  # velocities and displacements follow the accelerations
 
     def fits(self, lines: Sequence[TextLine]) -> bool:

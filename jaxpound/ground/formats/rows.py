@@ -140,18 +140,20 @@ def _is_number(text: str) -> bool:
 
 
 def row_of(line: TextLine, form: tuple[int, int] | None, n: int | None) -> ValueRow:
-    """The row of a line, of ``form``: values a row, and characters of each, flush right.
+    """The row of a line, of ``form``: values a row, and characters of each (0: any), flush right.
 
     ``n`` numbers are expected, or from one to the values of a row if that is None.
     """
     number, text = line.number, line.text.rstrip()
-    if form is None:
+    if form is None or not form[1]:
         return _plain_row(number, trimmed(text)) or _parse_row(number, trimmed(text))
     per_row, width = form
     text = text[1:] if len(text) % width == 1 and text[0] == " " else text
     cells = [text[at : at + width] for at in range(0, len(text), width)]
     numbers = [cell.strip() for cell in cells]
-    right = all(cell[-1] != " " and _is_number(number) for cell, number in zip(cells, numbers, strict=True))
+    right = all(
+        cell[-1] != " " and _is_number(number) for cell, number in zip(cells, numbers, strict=True)
+    )
     surplus = numbers[n:] if right and n is not None else []
     surplus_is_zero = not any(float(_plain_number(number)) for number in surplus)
     expected = per_row if n is None else n
@@ -181,7 +183,7 @@ def even_interval(rows: list[ValueRow]) -> Statement:
     times, numbers = flatten(rows), [number for row in rows for number in row.numbers]
     if len(times) < 2:
         raise MisreadError(rows[0].line, "a record must have at least two samples, this has one")
-    dt = (times[-1] - times[0]) / (len(times) - 1)
+    dt = float((Decimal(numbers[-1]) - Decimal(numbers[0])) / (len(times) - 1))
     rounding = print_rounding(numbers)
     slack = rounding + max(rounding[0], rounding[-1])
     if slack.max() > 0.4 * dt:  # a lost sample shows as dt / 2

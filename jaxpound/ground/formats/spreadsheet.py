@@ -131,9 +131,10 @@ def _is_one_column(lines: list[TextLine], rows: list[str]) -> bool:
         steps = np.diff(first)
         even = bool(steps[0]) and np.allclose(steps, steps[0])
         return not even and len({len(decimals) for _, decimals in fields}) == 1
-    decimals = [row[k] for row in fields for k in range(1, len(row), 2)]
-    equal = len({len(text) for text in decimals}) == 1
-    if len(fields[0]) % 2 == 0 and equal and any(x[0] == "0" and len(x) > 1 for x in decimals):
+    decimals = list(zip(*fields, strict=True))[1::2]
+    equal = all(len(set(map(len, column))) == 1 for column in decimals)
+    zeros = any(x[0] == "0" and len(x) > 1 for column in decimals for x in column)
+    if len(fields[0]) % 2 == 0 and equal and zeros:
         rule = "they cannot do both: export it with semicolons or tabs, or with decimal points"
         number = _number_lines(lines)[0].number
         message = f"{shown(rows[0])}: commas seem to separate columns and to mark decimals"

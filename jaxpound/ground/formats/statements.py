@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from typing import NamedTuple
 
-from jaxpound.ground.formats.text import NUMBER, TextLine, plain
+from jaxpound.ground.formats.text import NUMBER, TextLine, plain, to_float
 
 _POINTS = "(?:data|datos|dati|points?|pts|samples?|muestras|puntos|campioni|values|valores|veri)"
 _COUNT = re.compile(
@@ -79,12 +79,12 @@ def half_digit(number: str) -> float:
 
 def interval(line: int, text: str, number: str, factor: float = 1.0) -> Statement:
     """The statement of an interval, of which a unit is ``factor`` s."""
-    return Statement(line, text, factor * float(number), factor * half_digit(number))
+    return Statement(line, text, factor * to_float(number), factor * half_digit(number))
 
 
 def rate(line: int, text: str, number: str) -> Statement:
     """The interval at a rate, in Hz, which is exact if it is printed as a whole number."""
-    hertz = float(number)
+    hertz = to_float(number)
     whole = hertz.is_integer() and "." not in number
     slack = 0.0 if whole else half_digit(number) / hertz**2
     return Statement(line, text, float(f"{1 / hertz:.12g}"), slack)
@@ -110,21 +110,21 @@ def _counts(line: int, text: str) -> Iterator[Statement]:
         if values := _VALUES.match(text, name.end()):
             numbers += values["values"].split("/")[:1]
     for number in numbers:
-        if float(number).is_integer() and float(number) > 0:
-            yield Statement(line, text, float(number), 0.0)
+        if (count := to_float(number)).is_integer() and count > 0:
+            yield Statement(line, text, count, 0.0)
 
 
 def _intervals(line: int, text: str) -> Iterator[Statement]:
     for match in _RATE_BEHIND.finditer(text):
-        if float(match[1]) > 0:
+        if to_float(match[1]) > 0:
             yield rate(line, text, match[1])
     for match in _INTERVAL_BEHIND.finditer(text):
-        if float(match[1]) > 0:
+        if to_float(match[1]) > 0:
             yield interval(line, text, match[1], _factor(match[2]))
     for names, is_rate in ((_INTERVAL, False), (_RATE, True)):
         for name in names.finditer(text):
             values = _VALUES.match(text, name.end())
-            if not values or not float(number := values["values"].split("/")[0]) > 0:
+            if not values or not to_float(number := values["values"].split("/")[0]) > 0:
                 continue
             unit = f"{values['unit'] or ''} {values['behind'] or ''}".strip(" ()[]")
             if re.match(_PER_SECOND, unit) or (is_rate and not _factor(unit)):

@@ -23,6 +23,7 @@ LAYOUTS = (
     geonet.LAYOUT,
     csmip.CORRECTED,
     csmip.RAW,
+    csmip.BHRC,
     cosmos.LAYOUT,
     smc.LAYOUT,
     tables.SLIST,

@@ -54,7 +54,7 @@ TSPAIR = Layout(
     signature=r"TIMESERIES .*\bTSPAIR\b",
     begin="TIMESERIES ",
     component=r"TIMESERIES (?:\w*_)?([A-Z]\w[A-Z0-9])_\w,",
-    pairs=True,
+    pairs=(2, 0),
 )
 GEOCSV = Layout(
     name="GeoCSV",

@@ -18,9 +18,10 @@ UNITS = {  # in m/s2
     "in/s2": 0.0254,
     "mm/s2": 0.001,
     "mg": 0.001 * STANDARD_GRAVITY,
+    "g/10": 0.1 * STANDARD_GRAVITY,  # of digitised films
 }
 SECONDS = {"s": 1.0, "ms": 0.001}
-_METRE, _SECOND, _PER = "met(?:er|re)s?", "(?:seconds?|secs?|s)", "(?: ?/ ?| per )"
+_METRE, _SECOND, _PER = "met(?:er|re)s?", "(?:seconds?|secs?|segs?|s)", "(?: ?/ ?| per )"
 _SQUARED = r"(?: ?(?:\^|\*\*)? ?[2²]| squared)"
 UNIT = re.compile(
     f"(?:(?:(?P<mm>milli-?{_METRE}|mm)|(?P<cm>centi-?{_METRE}|cm)|(?P<m>{_METRE}|m)"
@@ -29,7 +30,7 @@ UNIT = re.compile(
     rf"|{_PER}(?:{_SECOND}{_SQUARED}|\({_SECOND}{_SQUARED}\))"
     rf"|[ .*_]?{_SECOND} ?(?:\^|\*\*)? ?(?:-2|\(-2\))"
     "|p?s2|_(?:per_)?s_?2)"  # as in the names of columns acc_ms2, acc_m_s2
-    "|(?P<gal>gals?)|(?P<mg>(?:m|milli[ -]?)g(?:'?s)?)|(?P<g>g(?:'?s)?))(?![^\\W_])",
+    "|(?P<gal>gals?)|(?P<mg>(?:m|milli[ -]?)g(?:'?s)?)|(?P<tenth>g ?/ ?10)|(?P<g>g(?:'?s)?))(?![^\\W_])",
     re.I,
 )
 LONE_UNIT = re.compile(rf"(?<![\w/^*.-]){UNIT.pattern}", re.I)
@@ -58,8 +59,8 @@ def match_unit(text: str, at: int = 0, pattern: re.Pattern[str] = UNIT) -> tuple
     match = pattern.match(text, at)
     if not match or _GOES_ON.match(text, match.end()):
         return None
-    name = str(match.lastgroup)
-    return name if name in {"g", "mg", "gal", "s", "ms"} else f"{name}/s2", match.end()
+    name = str(match.lastgroup).replace("tenth", "g/10")
+    return name if name in {"g", "g/10", "mg", "gal", "s", "ms"} else f"{name}/s2", match.end()
 
 
 def whole_unit(text: str, pattern: re.Pattern[str] = UNIT) -> str | None:
@@ -93,7 +94,7 @@ def looks_like_unit(text: str) -> bool:
 
 BRACKET = re.compile(r"[(\[]([^()\[\]]{0,40}+(?:\([^()\[\]]{0,9}+\)[^()\[\]]{0,9}+)?+)")
 _A_NUMBER = re.compile(rf"{NUMBER} ?")
-TIMES = set_of("t time times temps zeit tiempo tempo s sec seconds ms")
+TIMES = set_of("t time times timestamp datetime temps zeit tiempo tempo zaman s sec seconds ms")
 OTHER_QUANTITIES = set_of(
     "vel velocity disp displacement jerk arias husid cav intensity energy sa sv sd psa psv psd "
     "spectral spectrum spectra response fourier drift strain stress force moment rotation "

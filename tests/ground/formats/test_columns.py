@@ -1,5 +1,7 @@
 """Two columns, and values without times."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -26,8 +28,10 @@ def test_comments_blanks_and_empty_cells_are_skipped_and_several_columns_refused
     with pytest.warns(PlausibilityWarning, match=r"quake\.txt: data follow the comment of line 3"):
         assert_reads(path, [1, 2, 3], 0.1)
     path = write("0.00 5 6\n0.01 7 8\n0.02 9 0\n")
-    assert_refuses(path, 1, "one column of values, not 2", dt=0.01)
-    assert_reads(path, [0, 5, 6, 0.01, 7, 8, 0.02, 9, 0], 0.011, dt=0.011)
+    assert_refuses(path, 1, r"2 columns or blocks \(1, 2\): choose one", dt=0.01)
+    assert_reads(path, [6, 8, 0], 0.01, dt=0.01, column=2)
+    history = [0, 5, 6, 0.01, 7, 8, 0.02, 9, 0]
+    assert_reads(path, history, 0.011, dt=0.011, rows="history")
 
 
 @pytest.mark.parametrize(
@@ -68,15 +72,10 @@ NO_HISTORIES = {
     "period,PSA\ns,g": "must be times, but the header says period",
 }
 UNEQUAL = {"0 1\n.1 2\n.2\n.3 4\n": 3, "0 1\n.1 2 3\n": 2, "1 2 3\n4 5\n6 7 8\n": 2, "1\n2 3\n": 2}
-COUNTED = "20\n{}" + "".join(f"{0.1 * (-1) ** k}\n" for k in range(20))
-COMMAS = "0,00;0,5\n0,01;0,6\n", "0,00 0,5\n0,01 0,6\n"
 test_what_is_no_history_is_refused = files.refusals(
     *((x.replace(" ", " 1\n") + " 1\n", n, "must be uniform") for x, n in UNEVEN.items()),
     *((f"{x}\n0,.1\n1,.2\n2,.1\n", 1, says) for x, says in NO_HISTORIES.items()),
     *((text, line, "must have [123]$", {"dt": 0.1}) for text, line in UNEQUAL.items()),
-    *((text, 1, "no decimal commas", {"dt": 0.01}) for text in COMMAS),
-    (COUNTED.format(""), 1, "20 must be a value, and not the number", {"dt": 0.01}),
-    (COUNTED.format(".01\n"), 1, "20 must be a value", {"dt": 0.01, "units": "gal"}),
 )
 
 
@@ -95,8 +94,8 @@ WITHOUT_TIMES = ["1\n2\n3\n4\n5\n6\n7\n", "acc in g\n1 2 3\n4 5 6\n7\n", "1,2,3,
 def test_values_without_times_need_dt(write, text):
     values = [1, 2 if "-" not in text else -2, 3, 4, 5, 6, 7]
     path = write(text)
-    assert_reads(path, values, 0.005, dt=0.005)
-    assert_refuses(path, 2 if text.startswith("acc") else 1, "pass dt")
+    assert_reads(path, values, 0.005, dt=0.005, rows="history")
+    assert_refuses(path, 2 if text.startswith("acc") else 1, "pass dt", rows="history")
 
 
 def test_columns_are_not_taken_for_one_history(write):
@@ -104,17 +103,25 @@ def test_columns_are_not_taken_for_one_history(write):
     indexed = "".join(f"{k} {t:.3f} {a:.5f}\n" for k, t, a in rows)
     turned = "".join(f"{a:.5f} {-a:.5f} {t:.2f}\n" for _, t, a in rows)
     three = "".join(f"{a:.5f},{1 - a:.5f},{a / 9:.5f}\n" for *_, a in rows)
-    for text, says in (
-        (indexed, "column 1 rises evenly .* one column of values, not 2"),
-        (turned, "column 3 rises evenly"),
-        (f"NS,EW,UD\n{three}", "names 3 columns"),
-        (f"long. (g), tran. (g), vert. (g)\n{three}", "names 3 columns"),
-        ("  N-S   E-W   U-D\n" + three.replace(",", "   "), "names 3 columns"),
+    assert_reads(write(indexed), [round(a, 5) for *_, a in rows], 0.005, units="g")
+    assert_refuses(write(turned), 1, "column 3 rises evenly .* must be the first", dt=0.005)
+    for text, names in (
+        (three, "(1, 2, 3)"),
+        (f"NS,EW,UD\n{three}", "(1: NS, 2: EW, 3: UD)"),
+        (f"long. (g), tran. (g), vert. (g)\n{three}", "(1: long. (g), 2: tran. (g), 3: vert. (g))"),
+        ("  N-S   E-W   U-D\n" + three.replace(",", "   "), "(1: N-S, 2: E-W, 3: U-D)"),
     ):
-        assert_refuses(write(text), 1, says, dt=0.005)
-    says = "rows of 3 values seem to be columns side by side"
-    with pytest.warns(PlausibilityWarning, match=says):
-        assert read_record(write(three), dt=0.005, units="g").n_samples == 180
+        says = re.escape(f"3 columns or blocks {names}: choose one by its number or name")
+        assert_refuses(write(text), 1 + (text != three), says, dt=0.005)
+        second = read_record(write(text), dt=0.005, units="g", column=2)
+        np.testing.assert_allclose(second.samples, [round(1 - a, 5) for *_, a in rows])
+    five = "".join(f"{a:.5f} {1 - a:.5f} {a / 9:.5f} {a:.5f} 1.0\n" for *_, a in rows)
+    with pytest.warns(
+        PlausibilityWarning, match="rows of 5 values seem to be columns side by side"
+    ):
+        assert read_record(write(five), dt=0.005, units="g").n_samples == 300
+    fifth = read_record(write(five), dt=0.005, units="g", rows="columns", column=4)
+    np.testing.assert_allclose(fifth.samples, [round(a, 5) for *_, a in rows])
 
 
 COLUMNS = [range(100), range(10, 30), np.arange(80) / 200, range(0, 90, 5)]

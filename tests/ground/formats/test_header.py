@@ -34,7 +34,7 @@ STATED = {
         *("ACCELERATION TIME HISTORY IN UNITS OF CM/S/S", "# UNITS OF CM/SEC**2", "t acc_cm_s2"),
         *("Acceleration in cm/sec^2", "UNITS OF CM S-2", "Acceleration in centimeters/sec^2"),
         "UNITS: CM/SEC/SEC. PEAK 341.7",
-        "7000  acceleration pts, approx 70 secs, units=cm/sec2(04),Format=(8F10.5)",
+        "2  acceleration pts, approx 70 secs, units=cm/sec2(04),Format=(8F10.5)",
     ],
     "gal": [
         *("units: gal", "UNITS OF GALS", "Time(s), NS(gal)", "#AmplitudeUnit:  gal. DCoffset(corr)")
@@ -47,6 +47,10 @@ STATED = {
     "mm/s2": ["ACCELERATION TIME HISTORY IN UNITS OF MM/S2"],
     "in/s2": ["Units of in/sec/sec"],
     "ft/s2": ["acceleration, units of ft/s2"],
+    "g/10": [
+        "UNITS OF UNCOR ACCEL ARE SEC AND G/10.     MAX  =  0.471 G, AT  31.7 SEC",
+        "Units: G/10",
+    ],
 }
 HEADERS = [(header, stated) for stated, headers in STATED.items() for header in headers]
 
@@ -64,7 +68,7 @@ def test_units_must_be_those_the_header_states(write, header, stated, body):
 
 
 UNKNOWN = [  # what is named stands between bars
-    *("UNITS OF |G/10|", "UNITS ARE |SECONDS AND G/10|", "units: |% of g|", "Units: |furlong|"),
+    *("UNITS OF |G/12|", "UNITS ARE |SECONDS AND G/12|", "units: |% of g|", "Units: |furlong|"),
     *("units = |g x 1000|", "UNITS OF |CM/S|", "In |SI| units", "UNITS ARE |SEC AND KINE|"),
     *("ACCELERATION TIME HISTORY (|% g|)", "Amplitude [|um/s2|]", "Data in |yd/s2|", "acc [|V|]"),
     *("acc in |0.01 m/s2|", "acc [|0.1 g|]", "acc (|mgal|)", "acc (|cm/min2|)", "t,acc_|ug|"),
@@ -78,7 +82,7 @@ UNKNOWN = [  # what is named stands between bars
     ("header", "says"),
     [
         *((text.replace("|", ""), f"'{text.split('|')[1]}'") for text in UNKNOWN),
-        ("UNITS OF UNCOR ACCEL ARE SEC AND G/10.     MAX  =  0.000 G, AT -20.000 SEC", "G/10'"),
+        ("UNITS OF UNCOR ACCEL ARE SEC AND G/12.     MAX  =  0.000 G, AT -20.000 SEC", "G/12'"),
         ("Raw readings in units of 1.00 mm/s/s  at intervals of 0.005 s", "'1.00 mm/s/s"),
         ("Scale Factor = 7845/8223790", "speaks of 'Scale Factor'"),
         ("DIGITIZER COUNTS", "speaks of 'COUNTS'"),
@@ -115,7 +119,7 @@ NOT_KNOWN = {
     "time (min), acc (g)\n0,1\n1,2\n": "units = 'min' must be one of the known ones: s, ms",
     "t, NS (counts)\n0,1\n1,2\n": "speaks of 'counts'",
     "Time [h], acc\n0,1\n1,2\n": "units = 'h'",
-    **{f"time,{unit}\n0,1\n1,2\n": f"units = '{unit}'" for unit in ("g/10", "m/ms2")},
+    **{f"time,{unit}\n0,1\n1,2\n": f"units = '{unit}'" for unit in ("g/12", "m/ms2")},
     **{f"t, NS ({unit})\n0,1\n1,2\n": f"units = '{unit}'" for unit in ("V", "mm")},
 }
 test_units_of_time_and_of_columns_that_are_not_known_are_refused = files.refusals(
@@ -151,4 +155,6 @@ def test_other_header_text_states_no_units(write, header):
 def test_dt_must_agree_with_the_files_own(write, text):
     path = write(text)
     assert_reads(path, [1, 2], 0.02, dt=0.02 * (1 + 5e-7))
-    assert_refuses(path, None, "dt = 0.02001 .*0.02", dt=0.02001)
+    with pytest.warns(PlausibilityWarning, match="dt = 0.02001 s is taken for '.*', 0.02 s"):
+        assert_reads(path, [1, 2], 0.02001, dt=0.02001)
+    assert_refuses(path, 1 + text.startswith("t"), "dt = 0.021 .*0.02", dt=0.021)
