@@ -207,12 +207,11 @@ def _recorded(
     files, units = (table.files, table.units) if table else ([], None)
     motions = read_records(f"{file.name}: [recorded] files", file.folder, files, units)
     motions += [jp.read_record(path) for path in paths]
-    names = [*(file.folder / name for name in files), *paths]
     by_name: dict[str, jp.Record] = {}
-    for path, record in zip(names, motions, strict=True):
-        if path.stem in by_name:
-            raise ValueError(f"record {path}: its name {path.stem!r} must be another's than before")
-        by_name[path.stem] = record
+    for record in motions:
+        if record.name in by_name:
+            raise refused("records: name", "must be that of one record only", repr(record.name))
+        by_name[record.name] = record
     return by_name
 
 

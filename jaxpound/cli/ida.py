@@ -14,7 +14,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sentence, write_report
 from jaxpound.cli.reading import Count, File, Range, Section, between, named, refused, says
 from jaxpound.cli.structures import Structured
-from jaxpound.cli.tables import require_threshold
+from jaxpound.cli.tables import SampleInterval, require_threshold
 from jaxpound.results.named import demand_in_words
 from jaxpound.simulation.buildings import natural_periods, record_grid
 
@@ -30,9 +30,11 @@ class SuiteTable(Section):
     """The records."""
 
     folder: str
-    pattern: str = "*.AT2"
+    pattern: str = "*"
+    component: int | str = "both"
+    rows: str | None = None
     units: str | None = None
-    dt: Annotated[float, between(1e-6, 10, "s", "a sample interval")] | None = None
+    dt: SampleInterval | None = None
 
 
 class TargetTable(Section):
@@ -124,7 +126,8 @@ def records(
     """The suite that is run, and how it was scaled if there is a target."""
     table, folder = config.suite, file.folder / config.suite.folder
     with named(f"{file.name}: [suite]"):
-        suite = jp.read_suite(folder, table.pattern, units=table.units, dt=table.dt)
+        options = {key: x for key, x in table.stated().items() if key != "folder"}
+        suite = jp.read_suite(folder, **options, strict=strict)
     if (to := config.target) is None:
         return suite, None
     with named(f"{file.name}: [target]"):

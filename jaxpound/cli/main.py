@@ -182,7 +182,8 @@ _OUT = (
 )
 _MOTION = "a random motion of 25 s, a record in the format AT2, and exit"
 _EXAMPLE_RECORD: Argument = "--example-record", _example(_MOTION, ("record",))[1]
-_RECORD = "accelerogram: PEER AT2, K-NET, columns of time and acceleration, or values with --dt"
+_RECORD = "accelerogram: a file of a network (PEER, K-NET, ESM, ...), columns, or values with --dt"
+_ROWS = "what rows of several values are: history (one after the other), columns (side by side)"
 _JOINING = "an accelerogram in g that joins the random earthquakes; may be given several times"
 _BUILDINGS = "buildings, dampers and run; without it the example of two buildings is used"
 _STUDY = "folder for the results, made if needed; a started study goes on"
@@ -218,6 +219,9 @@ _COMMANDS = {
             _EXAMPLE_RECORD,
             ("--units", {"help": f"of the record: {_UNITS}"}),
             ("--dt", {"help": "its time step in s, for a file that states none", "type": float}),
+            ("--column", {"help": "component of a file that has several: its number or name"}),
+            ("--vertical", {"help": "take a vertical component", "action": "store_true"}),
+            ("--rows", {"help": _ROWS}),
             _STRICT,
         ],
         "jaxpound simulate --example-config row > buildings.toml\n"

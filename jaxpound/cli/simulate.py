@@ -76,10 +76,11 @@ def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "simulate")
     configuration = file.read(Simulation)
+    names = ("dt", "units", "column", "vertical", "rows")
     with warnings.catch_warnings():
         if configuration.ground.baseline != "none":  # which removes it
             warnings.filterwarnings("ignore", f".*: {OFFSET}", jp.PlausibilityWarning)
-        record = jp.read_record(args.record, dt=args.dt, units=args.units)
+        record = jp.read_record(args.record, **{name: getattr(args, name) for name in names})
     record = shaking(file, configuration.ground, record)
     in_numbers = of_record(file, args.record, record)
     response = respond(file, configuration, record, strict=args.strict)

@@ -39,7 +39,22 @@ _Face = Annotated[float, between(0, math.inf, "m", "infinite on a side where not
 _Faces = Annotated[list[_Face], Meta(min_length=2, max_length=2)]
 Gaps = Annotated[Gap | _Faces, Meta(extra={"says": _FACES, "alone": Gap, "range": GAP})]
 Friction = Annotated[float, between(*FRICTION)]
-Files = Annotated[list[str], says("a list of files", min_length=1)]
+SampleInterval = Annotated[float, between(1e-6, 10, "s", "a sample interval")]
+
+
+class RecordFile(Section):
+    """A file of a record, with what it does not state and which of its components is meant."""
+
+    file: str
+    column: Annotated[int, Count] | str | None = None
+    vertical: bool | None = None
+    rows: str | None = None
+    units: str | None = None
+    dt: SampleInterval | None = None
+
+
+_FILES = "a list of paths or {file = ...} with, if needed, column, vertical, rows, units and dt"
+Files = Annotated[list[str | RecordFile], says(_FILES, min_length=1)]
 
 
 def of_faces(gap: float | list[float] | None) -> Any:
@@ -231,10 +246,11 @@ def drawn(low: float, high: float, unit: str, why: str) -> Meta:
 FACTOR_ON_RECORD = Range(-1e3, 1e3, "", "a factor on the record's acceleration")
 
 
-def read_records(place: str, folder: Path, names: list[str], units: str | None) -> list[jp.Record]:
+def read_records(place: str, folder: Path, files: Files, units: str | None) -> list[jp.Record]:
     """The accelerograms of files in a folder; ``place`` is where a configuration names them."""
+    stated = [{"file": x} if isinstance(x, str) else x.stated() for x in files]
     try:
-        return [jp.read_record(folder / name, units=units) for name in names]
+        return [jp.read_record(folder / x.pop("file"), **{"units": units} | x) for x in stated]
     except (OSError, ValueError) as error:
         raise ValueError(f"{place}: {str(error).removeprefix('read_record: ')}") from error
 

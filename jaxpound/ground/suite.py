@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 import reprlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -17,21 +18,29 @@ from jaxpound import _checks
 from jaxpound._checks import count, instance, is_traced, positive, positive_number, require_one_of
 from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._tables import Shown, TextTable
+from jaxpound.ground.formats.text import OtherKindError
 from jaxpound.ground.intensity import spectra
-from jaxpound.ground.reader import read_record
+from jaxpound.ground.reader import read_components
 from jaxpound.ground.record import Record
+from jaxpound.ground.stations import pairs_of
 from jaxpound.ground.target import SCALED_TO, FactorBounds, PeriodRange, ScaledSuite, TargetSpectrum
 
 PERIODS = 100  # number of those at which spectra are compared with a target
+_NO_RECORD = re.compile(  # names of files beside the records
+    r"(readme|licen[cs]e|copying|thumbs\.db).*"
+    r"|.*(searchresults.*\.csv|\.([vd]t2|md|rst|py|m|ipynb|toml|ya?ml|log))",
+    re.I,
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class RecordSuite(Shown):
     """Recorded accelerograms that are used together, of any lengths and sample intervals.
 
-    A record without a name gets its number: "record 3". Raises ``ValueError`` if there is no
-    record, or one is no ``Record``, a batch, traced or zero throughout; if names are equal, or
-    units of time differ.
+    A record without a name gets its number: "record 3". ``stations`` has the names of the records
+    by the name of their station, in order; without it, each record is a station of its own.
+    Raises ``ValueError`` if there is no record, or one is no ``Record``, a batch, traced or zero
+    throughout; if names are equal, units of time differ, or stations do not have each record once.
 
     Examples
     --------
@@ -46,6 +55,7 @@ class RecordSuite(Shown):
     """
 
     records: tuple[Record, ...]
+    stations: Mapping[str, Sequence[str]] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         owner, members = "RecordSuite", self.records
@@ -69,6 +79,12 @@ class RecordSuite(Shown):
         object.__setattr__(self, "records", records)
         if repeated := [name for name in self.names if self.names.count(name) > 1]:
             raise InvalidInput(owner, "name", repr(repeated[0]), "must be that of one record only")
+        stations = self.stations or {name: (name,) for name in self.names}
+        stations = {station: tuple(names) for station, names in stations.items()}
+        if sorted(x for names in stations.values() for x in names) != sorted(self.names):
+            rule = f"must have each of the records once: {', '.join(self.names)}"
+            raise InvalidInput(owner, "stations", reprlib.repr(stations), rule)
+        object.__setattr__(self, "stations", stations)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -99,7 +115,7 @@ class RecordSuite(Shown):
         return self.records[key]
 
     def chosen(self, which: Sequence[int | str] | np.ndarray) -> RecordSuite:
-        """The suite of some of the records, by their numbers from 0 or their names.
+        """The suite of some of the records and their stations, by numbers from 0 or by names.
 
         Raises ``ValueError`` if there is no such record, none is chosen, or one is chosen twice.
         """
@@ -109,7 +125,9 @@ class RecordSuite(Shown):
                 rule = f"must be a record's number, from 0 to {n - 1}, or its name"
                 raise InvalidInput("RecordSuite.chosen", repr(key), "", rule)
             records.append(self[key])
-        return RecordSuite(tuple(records))
+        left = {record.name for record in records}
+        stations = {x: [*filter(left.__contains__, names)] for x, names in self.stations.items()}
+        return RecordSuite(tuple(records), {x: names for x, names in stations.items() if names})
 
     def spectra(self, periods: ArrayLike, damping: float = 0.05) -> np.ndarray:
         """``spectral_acceleration`` of each record at each period, g, shape (n, m).
@@ -127,7 +145,7 @@ class RecordSuite(Shown):
             name = f"factors of shape {np.shape(valid)}"
             raise InvalidInput(owner, name, "", f"must be ({len(self)},)")
         each = zip(self.records, np.broadcast_to(valid, len(self)), strict=True)
-        return RecordSuite(tuple(x._with(x.samples * factor) for x, factor in each))
+        return RecordSuite(tuple(x._with(x.samples * k) for x, k in each), self.stations)
 
     def scaled_to(
         self,
@@ -168,7 +186,7 @@ class RecordSuite(Shown):
 
         Examples
         --------
-        >>> waves = [0.2 * np.sin(w * 0.02 * np.arange(500)) for w in (4.0, 7.0, 11.0)]
+        >>> waves = [0.2 * np.sin(w * 0.02 * np.arange(628)) for w in (4.0, 7.0, 11.0)]
         >>> suite = jp.RecordSuite([jp.Record(wave, 0.02) for wave in waves])
         >>> target = jp.TargetSpectrum([0.1, 0.5, 2.0], [0.5, 0.5, 0.125])
         >>> scaled = suite.scaled_to(target, (0.3, 1.5), best=2, least=0.9)
@@ -211,38 +229,127 @@ class RecordSuite(Shown):
 
 def read_suite(
     folder: str | os.PathLike[str],
-    pattern: str = "*.AT2",
+    pattern: str = "*",
     *,
     dt: float | None = None,
     units: str | None = None,
+    component: Literal["both", "larger", 1, 2] = "both",
+    rows: str | None = None,
+    strict: bool = False,
 ) -> RecordSuite:
-    """Read the accelerograms of a folder, in the order of their names, which the records have.
+    """Read the horizontal accelerograms of a folder, in any format that ``read_record`` reads.
 
-    ``jp.read_suite("records", "*.csv")`` reads all CSV files of a folder, without its subfolders;
-    ``pattern`` is regardless of case, and ``dt`` and ``units`` are as in ``read_record``. Raises
-    ``ValueError`` if there is no such folder, no file matches the pattern, ``read_record`` refuses
-    a file, which the message names, or two files differ only in their extensions. Warns as
-    ``read_record``.
+    Records are in the order of the files and have their names, with the extension where two files
+    have the same name, and with that of the component where a file has several. Folders in it,
+    hidden files, vertical components, velocities, spectra, tables of a search, texts, pictures and
+    archives are left out. A station is the two components of a file, or two files whose names
+    differ in directions at right angles: azimuths (``ELC180``, ``ELC270``), axes (``_N``, ``_E``;
+    ``FN``, ``FP``; ``_H1``, ``_H2``), SEED channels (``HNE``, ``HNN``) or K-NET's extensions. All
+    others are stations of their own, also where more than two go together.
+
+    Raises ``ValueError`` if there is no such folder, no file fits the pattern or has horizontal
+    accelerations, an argument breaks its rule, or ``read_record`` refuses a file, which the message
+    names. Warns (``PlausibilityWarning``) of what is left out and why, of files with more than two
+    components, and as ``read_record``.
+
+    Parameters
+    ----------
+    folder, pattern
+        The folder, and which of its files are read, such as "*.csv", regardless of case.
+    dt, units, rows, strict
+        As in ``read_record``, for all files.
+    component
+        "both"; "larger", that of larger PGA of each station; or 1 or 2, the first or second of each
+        station in the order of the records: an error if a station has one alone.
+
+    Examples
+    --------
+    With ``A000.AT2`` and ``A090.AT2`` in a folder, ``read_suite("records").stations`` is
+    ``{"A*.AT2": ("A000", "A090")}``, and ``read_suite("records", component=2)`` has ``A090`` alone.
     """
-    owner, place = "read_suite", Path(folder)
-    if not place.is_dir():
+    owner = "read_suite"
+    if component not in ("both", "larger", 1, 2) or isinstance(component, bool | float):
+        rule = "must be 'both', 'larger', 1 or 2"
+        raise InvalidInput(owner, "component", repr(component), rule)
+    if not (place := Path(folder)).is_dir():
         raise InvalidInput(owner, "folder", repr(str(folder)), "must be a folder")
     if not isinstance(pattern, str) or not pattern:
         raise InvalidInput(owner, "pattern", repr(pattern), "must be a pattern such as '*.AT2'")
-    files = sorted(path for path in place.iterdir() if path.is_file())
-    matching = [path for path in files if fnmatchcase(path.name.lower(), pattern.lower())]
+    paths = sorted(x for x in place.iterdir() if x.is_file() and not x.name.startswith("."))
+    matching = [path for path in paths if fnmatchcase(path.name.lower(), pattern.lower())]
     if not matching:
-        kinds = ", ".join(sorted({f"*{path.suffix}" for path in files if path.suffix})[:8])
+        kinds = ", ".join(sorted({f"*{path.suffix}" for path in paths if path.suffix})[:8])
         content = f"it has {kinds}" if kinds else "it is empty"
-        rule = f"must fit a file in {place}: {content}"
-        raise InvalidInput(owner, "pattern", repr(pattern), rule)
-    try:
-        return RecordSuite(tuple(read_record(path, dt=dt, units=units) for path in matching))
-    except InvalidInput as error:
-        places = {"read_record": owner, "RecordSuite": f"{owner}: {place}"}
-        raise error.replaced(owner=places.get(error.owner, f"{owner}: {error.owner}")) from error
-    except ValueError as error:  # a file that could not be read
-        raise ValueError(f"{owner}: {error}") from error
+        raise InvalidInput(
+            owner, "pattern", repr(pattern), f"must fit a file in {place}: {content}"
+        )
+    options = {"dt": dt, "units": units, "rows": rows, "strict": strict}
+    files, left_out = _read_files(owner, matching, **options)
+    if not files:
+        rule = f"must hold a horizontal acceleration, but has {left_out} only"
+        raise InvalidInput(owner, "folder", repr(str(folder)), rule)
+    findings = [f"{place}: left out are {left_out}"] if left_out else []
+    for name, records in files.items():
+        if len(records) > 2:
+            words = f"none of its {len(records)} components, each a station, is said to be vertical"
+            findings.append(f"{place / name}: {words}")
+    warn(owner, findings, strict)
+    with renamed(f"{owner}: {place}"):
+        suite = _suite_of(files)
+    return suite if component == "both" else _of_component(owner, suite, component)
+
+
+def _read_files(
+    owner: str, paths: Sequence[Path], **options: Any
+) -> tuple[dict[str, list[Record]], str]:
+    """Horizontal components by the names of their files, and which files have none, and why."""
+    files: dict[str, list[Record]] = {}
+    others: dict[str, list[str]] = {}
+    for path in paths:
+        try:
+            if _NO_RECORD.fullmatch(path.name):
+                raise OtherKindError(None, "by the name no record")
+            files[path.name] = read_components("", path, **options)
+        except OtherKindError as error:
+            message = re.sub("^(:[0-9]+)?: ", "", str(error).removeprefix(str(path)))
+            reason = message.rpartition(", but ")[2].removeprefix("is ").partition(": ")[0]
+            others.setdefault(reason, []).append(path.name)
+        except InvalidInput as error:
+            raise error.replaced(owner=f"{owner}: {error.owner}".removesuffix(": ")) from error
+        except ValueError as error:  # a file that could not be read
+            raise ValueError(f"{owner}: {error}") from error
+    for names in others.values():
+        names[3:] = [f"{len(names) - 3} more"] if names[3:] else []
+    return files, "; ".join(f"{', '.join(names)}: {why}" for why, names in others.items())
+
+
+def _suite_of(files: Mapping[str, list[Record]]) -> RecordSuite:
+    """The suite of the records of files, with their stations and with names that differ."""
+    stems = [Path(file).stem for file in files]
+    pairs = pairs_of([file for file, records in files.items() if len(records) == 1])
+    collected, stations = list[Record](), dict[str, list[str]]()
+    for (file, records), stem in zip(files.items(), stems, strict=True):
+        label = stem if stems.count(stem) == 1 else f"{stem} {Path(file).suffix[1:]}".rstrip()
+        for record in records:
+            name = label + record.name.removeprefix(stem)
+            station = pairs.get(file, label if len(records) == 2 else name)
+            stations.setdefault(station, []).append(name)
+            collected.append(record._with(record.samples, name=name))
+    return RecordSuite(tuple(collected), stations)
+
+
+def _of_component(
+    owner: str, suite: RecordSuite, component: Literal["larger", 1, 2]
+) -> RecordSuite:
+    """The suite of one component of each station."""
+    if component == "larger":
+        peak = dict(zip(suite.names, suite.pgas, strict=True)).__getitem__
+        return suite.chosen([max(names, key=peak) for names in suite.stations.values()])
+    for station, names in suite.stations.items():
+        if len(names) < component:
+            rule = f"must be there in each station: {station!r} has {names[0]!r} alone"
+            raise InvalidInput(owner, "component", str(component), rule)
+    return suite.chosen([names[component - 1] for names in suite.stations.values()])
 
 
 def as_suite(owner: str, records: Any) -> RecordSuite:

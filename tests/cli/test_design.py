@@ -226,5 +226,5 @@ def test_records_join_the_random_earthquakes(write, tmp_path):
     path = write(f"{SMALL} & {table}".replace('units = "m/s2" ; ', ""))
     stated = read(path)[1].recorded["a"].ground(0).samples
     np.testing.assert_array_equal(stated, wanted.recorded["a"].ground(0).samples)
-    with pytest.raises(ValueError, match="its name 'a' must be another's than before"):
+    with pytest.raises(ValueError, match="records: name = 'a' must be that of one record only"):
         read(path, [other])

@@ -100,9 +100,30 @@ def test_without_a_target_the_range_of_a_code_and_the_default_period(folder):
         assert scaled.range == pytest.approx((0.12, 1.8), rel=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore:.*left out are:jaxpound.PlausibilityWarning")
+def test_the_suite_of_stations(folder, tmp_path):
+    sizes = {"000": 0.5, "090": 1.0, "-UP": 3.0}
+    for component, size in sizes.items():
+        text = at2(size * SUITE["slow"].samples, 0.02, component.strip("-"))
+        (tmp_path / f"A-ELC{component}.AT2").write_text(text)
+    for component, names in (('"both"', ("A-ELC000", "A-ELC090")), ('"larger"', ("A-ELC090",))):
+        changes = f'folder = "." & component = {component} & pattern = "*.at2"'
+        file = reading.File(
+            "ida.toml", changed(EXAMPLE.partition("[target]")[0], changes), tmp_path
+        )
+        file = reading.File("ida.toml", file.text + "[ida]\nintensities = [0.1]", tmp_path)
+        given = file.read(ida.IdaConfig)
+        assert ida.records(file, given)[0].names == names
+        with pytest.raises(ValueError, match=r"\[suite\] .*: left out are A-ELC-UP\.AT2"):
+            ida.records(file, given, strict=True)
+
+
 FAULTS = r"""
 folder = "none" => [suite] folder = ...none' must be a folder
 pattern = "*.csv" => [suite] pattern = '*.csv' must fit a file in
+component = "all" => [suite] component = 'all' must be 'both', 'larger', 1 or 2
+component = 2 => [suite] component = 2 must be there in each station: 'fast' has 'fast' alone
+rows = "down" => [suite] rows = 'down' must be 'history'
 code = "asce" => [target] code = "asce" must be one of "asce 7", "en 1998"
 code -> nothing => [target] must have the range of periods, by code or by range
 code -> range = [0.2, 5.0] => [target] periods = ... must be within those of the targ

@@ -98,6 +98,16 @@ OVERFLOW = rf"{TABLE} weights = \[1e\+308, 1e\+308\] must be a list of numbers b
     [
         ('["one.csv"]', "\n[run]", NOTHING),
         ('["none.at2"]', "\n[uncertain]", f"{TABLE} records: \\S*none.at2: no such file"),
+        (
+            '[{file = "one.csv", column = 2}]',
+            "\n[uncertain]",
+            f"{TABLE} records: \\S*one.csv:1: column = 2 must be a number from 1",
+        ),
+        (
+            '["one.csv", {column = 2}]',
+            "\n[uncertain]",
+            f"{TABLE} records = .* must be a list of paths or {{file = ...}} with, if",
+        ),
         ('["a.csv", "b.csv"]\nweights = [1e308, 1e308]', "\n[uncertain]", OVERFLOW),
     ],
 )
