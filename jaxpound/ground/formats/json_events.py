@@ -1,4 +1,4 @@
-"""JSON of SimCenter's workflows (EE-UQ) and of scripts: time step and histories under their keys."""
+"""JSON of SimCenter's workflows (EE-UQ) and of scripts: time steps and histories under keys."""
 
 from __future__ import annotations
 

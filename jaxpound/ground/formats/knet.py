@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Sequence
 
@@ -15,11 +14,10 @@ from jaxpound.ground.formats.statements import Stated, Statement
 from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, shown, to_float
 
 _HEADER_LINES = 20
-_DIRECTIONS = {  # of KiK-net: in the borehole, and on the surface
-    str(number): f"{axis} {sensor}"
-    for number, (sensor, axis) in enumerate(
-        itertools.product(("borehole", "surface"), ("N-S", "E-W", "U-D")), 1
-    )
+_DIRECTIONS = {  # of KiK-net, in the borehole and on the surface; K-NET has the axis itself
+    str(3 * k + i): (axis, sensor)
+    for k, sensor in enumerate(("borehole", "surface"))
+    for i, axis in enumerate(("N-S", "E-W", "U-D"), 1)
 }
 LAYOUT = Layout(
     name="K-NET or KiK-net",
@@ -64,8 +62,8 @@ def read(lines: Sequence[TextLine], notes: list[str]) -> Channel:
     if abs(largest - peak) > float(printed.print_rounding([peak_text])[0]) + gal / per_counts:
         rule = f"that of the counts about their mean, {largest:.6g}: the file is damaged"
         raise MisreadError(at_peak, f"Max. Acc. = {peak_text} gal must be {rule}")
-    names = tuple(_DIRECTIONS.get(name, name) for name in LAYOUT.components(header))
-    return Channel(names, stated, rows, samples)
+    names = LAYOUT.components(header)
+    return Channel(_DIRECTIONS.get("".join(names), tuple(names)), stated, rows, samples)
 
 
 def _field(

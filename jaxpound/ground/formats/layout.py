@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,50 +15,48 @@ from jaxpound.ground.formats.statements import Stated, Statement
 from jaxpound.ground.formats.text import TextLine
 
 _FIRST_LINES = 25  # of these one has the signature of a format
-_VERTICAL = re.compile(
-    r"(?:up|dwn|down|vrt|vert?(?:ical)?\.?|[uv]-?d|u|v|z|d|[a-z]{2}z|vertical .*|up[ ,(].*)(?:[0-9])?",
-    re.I,
+_UPWARDS = "up|dwn|down|vrt|vert?(?:ical)?|u-?d"
+_VERTICAL = re.compile(rf"(?:a(?:cc)?[ _]?)?(?:{_UPWARDS}|u|v|z)[12]?|d|[a-z]{{2}}z", re.I)
+_VERTICAL_FILE = re.compile(
+    rf".*(?:UP|DWN|VRT|VERT?|[BEHLS][HNLG]Z|[-_. ](?i:(?:{_UPWARDS})[12]?|[uvz]))(?:\.[^.]*)?"
 )
-_VERTICAL_FILE = re.compile(r".*(?:UP|DWN|VRT|VERT?|[-_.](?:[UVZ]|UD[12]?)|[BEHLS][HNLG]Z)", re.S)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Layout:
     """Where the files of a format state what a record needs, and where their values stand.
 
-    All text fields but ``name`` and ``unit`` are patterns of lines, without regard to case. A
-    format of blocks has a component behind the other, each with a header of its own; that of others
-    ends ahead of the first row of numbers.
+    ``signature``, ``component``, ``behind``, ``begin`` and ``title`` are patterns of the beginning
+    of lines. In a format of blocks, which have a ``begin``, each component has its own header.
     """
 
     name: str
-    signature: str  # how one of the first lines of a file begins
-    component: str = ""  # in a line of the header; its groups are names of the components, in order
+    signature: str  # of one of the first lines of a file
+    component: str = ""  # of a line of the header; its groups are names of components, in order
     unit: str = ""  # that of all files of the format; else the header states it
     state: Callable[[Sequence[TextLine], Stated], None] | None = None  # what no prose states
-    behind: str = ""  # the line behind which rows begin
+    behind: str = ""  # of the line behind which rows begin
     history: bool = False  # rows of several values are one history, else a row of components
-    begin: str = ""  # the first line of a block
-    numbers: tuple[
-        tuple[int, int, int], ...
-    ] = ()  # rows, values a row, characters each: of a header
-    title: str = ""  # the line ahead of the accelerations of a block
+    begin: str = ""  # of the first line of a block
+    numbers: tuple[tuple[int, int, int], ...] = ()  # of a header: rows, values a row, characters
+    title: str = ""  # of the line ahead of the accelerations of a block
     form: tuple[int, int] | None = None  # values a row and characters of each, unless the title's
     pairs: tuple[int, int] | None = None  # the form of pairs of time and acceleration, untitled
     integrals: bool = False  # velocities and displacements follow the accelerations
 
+    def matches(self, field: str, line: TextLine) -> re.Match[str] | None:
+        """A match of the pattern of a field with a line."""
+        return re.match(getattr(self, field), line.text, re.I)
+
     def fits(self, lines: Sequence[TextLine]) -> bool:
         """Whether one of the first lines has the signature."""
-        signature = re.compile(self.signature, re.I)
-        return any(signature.match(line.text) for line in lines[:_FIRST_LINES])
+        return any(self.matches("signature", line) for line in lines[:_FIRST_LINES])
 
     def components(self, header: Sequence[TextLine]) -> list[str]:
         """Names of the components that a header states."""
-        if not self.component:
-            return []
-        component = re.compile(self.component, re.I)
-        matches = filter(None, (component.match(line.text) for line in header))
-        return list(dict.fromkeys(name.strip() for match in matches for name in match.groups()))
+        lines = (self.matches("component", line) for line in header if self.component)
+        names = (name.strip() for match in lines if match for name in match.groups())
+        return list(dict.fromkeys(names))
 
 
 class Channel(NamedTuple):
@@ -72,21 +70,10 @@ class Channel(NamedTuple):
 
     @property
     def vertical(self) -> bool:
-        """Whether its names say that it is vertical."""
-        return any(map(is_vertical, self.names))
+        """Whether one of its names says that it is vertical."""
+        return any(_VERTICAL.fullmatch(name.strip(" .'\"")) for name in self.names)
 
 
-def is_vertical(name: str) -> bool:
-    """Whether the name of a component says that it is vertical."""
-    return _VERTICAL.fullmatch(name.strip(" .'\"")) is not None
-
-
-def is_vertical_file(stem: str, extension: str) -> bool:
+def is_vertical_file(name: str) -> bool:
     """Whether the name of a file says that it is of a vertical component."""
-    return bool(_VERTICAL_FILE.fullmatch(stem) or re.fullmatch(r"\.UD[12]?", extension, re.I))
-
-
-def named(channels: Sequence[Channel]) -> Iterator[str]:
-    """The columns or blocks of a file in words: ``1: N-S``."""
-    for number, channel in enumerate(channels, 1):
-        yield f"{number}: {' '.join(channel.names)}" if channel.names else f"{number}"
+    return _VERTICAL_FILE.fullmatch(name) is not None

@@ -48,15 +48,20 @@ def read_block(lines: Sequence[TextLine], begin: int, notes: list[str]) -> Block
     """The header and the rows of a file whose rows begin at or after the line of an index."""
     start = _first_row(lines, begin)
     header = lines[:start]
+    first = lines[start].text if start < len(lines) else ""
+    return Block(header, stated_in(header), first, parse_rows(lines[start:], notes))
+
+
+def stated_in(header: Sequence[TextLine], unit: str = "") -> Stated:
+    """What a header, of accelerations, states in prose; ``unit`` is known if it is not empty."""
     for index, line in enumerate(header):
         if max(index, len(line.text)) > _LONGEST_HEADER:
             rule = f"at most {_LONGEST_HEADER:,} lines of as many characters"
             raise MisreadError(line.number, f"the header must have {rule}")
     require_acceleration(header)
-    first = lines[start].text if start < len(lines) else ""
-    stated = Stated(units=stated_units(header))
+    stated = Stated(units={unit: header[0].number} if unit else stated_units(header))
     state_numbers(header, stated)
-    return Block(header, stated, first, parse_rows(lines[start:], notes))
+    return stated
 
 
 def _first_row(lines: Sequence[TextLine], begin: int) -> int:
@@ -151,14 +156,10 @@ def row_of(line: TextLine, form: tuple[int, int] | None, n: int | None) -> Value
     text = text[1:] if len(text) % width == 1 and text[0] == " " else text
     cells = [text[at : at + width] for at in range(0, len(text), width)]
     numbers = [cell.strip() for cell in cells]
-    right = all(
-        cell[-1] != " " and _is_number(number) for cell, number in zip(cells, numbers, strict=True)
-    )
-    surplus = numbers[n:] if right and n is not None else []
-    surplus_is_zero = not any(float(_plain_number(number)) for number in surplus)
-    expected = per_row if n is None else n
-    if not (right and surplus_is_zero and (n or 1) <= len(cells) <= per_row):
-        rule = f"must be {expected} numbers of {width} characters each"
+    right = all(map(_is_number, numbers)) and not any(cell[-1] == " " for cell in cells)
+    surplus = [float(_plain_number(number)) for number in numbers[n:] if right and n is not None]
+    if not right or any(surplus) or not (n or 1) <= len(cells) <= per_row:
+        rule = f"must be {n or per_row} numbers of {width} characters each"
         raise MisreadError(number, f"{shown(text.strip())} {rule}")
     return ValueRow(number, [_plain_number(cell) for cell in numbers[:n]])
 

@@ -1,7 +1,7 @@
 """Lines of spreadsheets and loggers in plain form: quotes, decimal commas, dates and times.
 
-Quoted cells are read by ``csv``, and dates by ``datetime``; behind this module a number has a
-decimal point, and a time is in seconds.
+Quoted cells are read by ``csv``; behind this module a number has a decimal point, and an instant is
+in seconds from the first one.
 """
 
 from __future__ import annotations
@@ -9,8 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
-from datetime import datetime
-from itertools import islice
+from decimal import Decimal
 
 import numpy as np
 
@@ -19,14 +18,15 @@ from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, shown
 _LOOKED_AT = 200  # rows that decide whether a file has decimal commas
 _SEPARATOR_LINE = re.compile(r"\W?sep=(.)\s*", re.I)
 _QUOTED = re.compile(r'(?:^|[,;\t])\s*"')
-_STAMP = re.compile(
-    r"\s*([0-9]{4}[-/][0-9]{2}[-/][0-9]{2}|[0-9]{1,2}[-/.][0-9]{1,2}[-/.][0-9]{4})"
-    r"[ T,;\t]\s*([0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,]([0-9]{1,9}))?)Z?(?=[\s,;]|$)"
+_INSTANT = re.compile(
+    r"\s*((?:[0-9]{4}|[0-9]{1,2})[-/.][0-9]{1,2}[-/.](?:[0-9]{4}|[0-9]{1,2}))"
+    r"[ T,;\t]\s*([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:[.,][0-9]{1,9})?)Z?(?=[\s,;]|$)"
 )
+_VALUES = re.compile(rf"(?:[\s,;]+{NUMBER})+[\s,;]*")
 _OF_NUMBERS = re.compile(r"[-+0-9.,;eE \t]*[0-9][-+0-9.,;eE \t]*")
 _WITH_COMMA = re.compile(r"[-+]?(?:[0-9]{1,3}(?:\.[0-9]{3})+|[0-9]*),[0-9]+(?:[eE][-+]?[0-9]+)?")
-_THOUSANDS = re.compile(r"[-+]?[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]*(?:[eE][-+]?[0-9]+)?")
-_CELLS = re.compile(r"[^;\s]+")
+_THOUSANDS = re.compile(r"\s*[-+]?[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]*(?:[eE][-+]?[0-9]+)?\s*")
+_CELL = re.compile(r"[^;\s]+")
 
 
 def in_plain_form(lines: Sequence[TextLine]) -> list[TextLine]:
@@ -35,108 +35,83 @@ def in_plain_form(lines: Sequence[TextLine]) -> list[TextLine]:
     lines = list(lines[1:] if separator else lines)
     if any(_QUOTED.search(line.text) for line in lines):
         lines = _without_quotes(lines, separator[1] if separator else None)
-    return _with_points(_with_times(lines))
+    lines = _with_seconds(lines)
+    return list(map(_with_point, lines)) if _has_decimal_commas(lines) else lines
 
 
 def _without_quotes(lines: list[TextLine], delimiter: str | None) -> list[TextLine]:
-    """Lines with quoted cells as cells between tabs, or with those of the other lines' separator."""
+    """Lines with quoted cells as cells between tabs, or commas if these separated them."""
     if delimiter is None:
         bare = [re.sub(r'"[^"]*"', "", line.text) for line in lines if _QUOTED.search(line.text)]
         delimiter = next((x for x in ";\t," if any(x in text for text in bare)), ",")
     plain = []
     for line in lines:
-        if not _QUOTED.search(line.text):
-            plain.append(line)
-            continue
-        cells = next(csv.reader([line.text.strip()], delimiter=delimiter))
-        cells = [x.replace(",", "") if _THOUSANDS.fullmatch(x.strip()) else x for x in cells]
-        plain.append(TextLine(line.number, ("\t" if delimiter != "," else ",").join(cells)))
+        if _QUOTED.search(line.text):
+            cells = next(csv.reader([line.text.strip()], delimiter=delimiter))
+            cells = [x.replace(",", "") if _THOUSANDS.fullmatch(x) else x for x in cells]
+            line = TextLine(line.number, ("\t" if delimiter != "," else ",").join(cells))
+        plain.append(line)
     return plain
 
 
-def _with_times(lines: list[TextLine]) -> list[TextLine]:
+def _with_seconds(lines: list[TextLine]) -> list[TextLine]:
     """Lines whose rows begin with a date and a time, with seconds from the first row instead."""
-    first, plain = None, []
+    first: Decimal | None = None
+    days: list[str] = []
+    plain = []
     for line in lines:
-        stamp = _STAMP.match(line.text)
-        if not stamp or (first is None and not _is_row(line.text[stamp.end() :])):
-            plain.append(line)
-            continue
-        places = min(len(stamp[3] or ""), 6)
-        instant = _instant(line, stamp)
-        first = instant if first is None else first
-        seconds = f"{(instant - first).total_seconds():.{places}f}"
-        plain.append(TextLine(line.number, seconds + line.text[stamp.end() :]))
+        instant = _INSTANT.match(line.text)
+        if instant and (days or _VALUES.fullmatch(line.text, instant.end())):
+            days += [instant[1]] if instant[1] not in days[-1:] else []
+            hours, minutes, seconds = (Decimal(x.replace(",", ".")) for x in instant.groups()[1:])
+            elapsed = 86400 * len(days) + 3600 * hours + 60 * minutes + seconds
+            first = elapsed if first is None else first
+            line = TextLine(line.number, f"{elapsed - first:f}{line.text[instant.end() :]}")
+        plain.append(line)
     return plain
 
 
-def _is_row(text: str) -> bool:
-    return re.fullmatch(rf"(?:[\s,;]+{NUMBER})+[\s,;]*", text) is not None
+def _has_decimal_commas(lines: list[TextLine]) -> bool:
+    """Whether the commas of nearly all rows are those of decimals."""
+    if not any("," in line.text for line in lines):
+        return False
+    rows = [line for line in lines if _OF_NUMBERS.fullmatch(line.text)][:_LOOKED_AT]
+    cells = [_CELL.findall(line.text) for line in rows]
+    if rows and all(len(row) == 1 for row in cells) and not _is_one_column(rows):
+        return False
+    return 0 < 0.9 * len(rows) <= sum(map(_are_with_commas, cells))
 
 
-def _instant(line: TextLine, stamp: re.Match[str]) -> datetime:
-    day, time = re.sub("[/.]", "-", stamp[1]), stamp[2].replace(",", ".")
-    time = re.sub(r"(\.[0-9]{6})[0-9]+", r"\1", time)
-    try:
-        if len(day.split("-")[0]) == 4:
-            return datetime.fromisoformat(f"{day} {time.zfill(8)}")
-        form = "%d-%m-%Y %H:%M:%S" + (".%f" if "." in time else "")
-        return datetime.strptime(f"{day} {time}", form)
-    except ValueError:
-        rule = "must be a date and a time, as 2030-01-31 00:00:00.02"
-        raise MisreadError(line.number, f"{shown(stamp[0].strip())} {rule}") from None
-
-
-def _with_points(lines: list[TextLine]) -> list[TextLine]:
-    """Lines of numbers with decimal points for commas, if the file has decimal commas."""
-    rows = [line.text.strip() for line in islice(_number_lines(lines), _LOOKED_AT)]
-    if not any("," in row for row in rows):
-        return lines
-    cells = [_CELLS.findall(row) for row in rows]
-    if all(len(row) == 1 for row in cells) and not _is_one_column(lines, rows):
-        return lines
-    commas = [_has_decimal_commas(row) for row in cells]
-    if sum(commas) < 0.9 * len(commas):
-        return lines
-    return [_with_point(line) for line in lines]
-
-
-def _number_lines(lines: list[TextLine]) -> list[TextLine]:
-    return [line for line in lines if _OF_NUMBERS.fullmatch(line.text)]
-
-
-def _has_decimal_commas(cells: list[str]) -> bool:
+def _are_with_commas(cells: list[str]) -> bool:
     with_comma = [cell for cell in cells if "," in cell]
     return bool(with_comma) and all(map(_WITH_COMMA.fullmatch, with_comma))
 
 
 def _with_point(line: TextLine) -> TextLine:
     text = line.text
-    if not _OF_NUMBERS.fullmatch(text) or not _has_decimal_commas(_CELLS.findall(text)):
+    if not (_OF_NUMBERS.fullmatch(text) and _are_with_commas(_CELL.findall(text))):
         return line
-    return TextLine(line.number, _CELLS.sub(_cell_with_point, text))
+    return TextLine(line.number, _CELL.sub(_cell_with_point, text))
 
 
 def _cell_with_point(cell: re.Match[str]) -> str:
     return cell[0].replace(".", "").replace(",", ".") if "," in cell[0] else cell[0]
 
 
-def _is_one_column(lines: list[TextLine], rows: list[str]) -> bool:
-    """Whether commas between whole numbers are decimal ones, and do not separate columns."""
-    fields = [row.split(",") for row in rows]
-    if any("." in row for row in rows) or len({len(row) for row in fields}) > 1:
+def _is_one_column(rows: list[TextLine]) -> bool:
+    """Whether the only commas of rows are decimal ones, and do not separate columns."""
+    fields = [line.text.strip().split(",") for line in rows]
+    width = len(fields[0])
+    if any("." in line.text for line in rows) or any(len(row) != width for row in fields):
         return False
-    if len(fields[0]) == 2 and len(rows) > 1:
-        first = np.array([float(whole or "0") for whole, _ in fields])
-        steps = np.diff(first)
-        even = bool(steps[0]) and np.allclose(steps, steps[0])
-        return not even and len({len(decimals) for _, decimals in fields}) == 1
-    decimals = list(zip(*fields, strict=True))[1::2]
-    equal = all(len(set(map(len, column))) == 1 for column in decimals)
-    zeros = any(x[0] == "0" and len(x) > 1 for column in decimals for x in column)
-    if len(fields[0]) % 2 == 0 and equal and zeros:
-        rule = "they cannot do both: export it with semicolons or tabs, or with decimal points"
-        number = _number_lines(lines)[0].number
-        message = f"{shown(rows[0])}: commas seem to separate columns and to mark decimals"
-        raise MisreadError(number, f"{message}: {rule}")
+    columns = list(zip(*fields, strict=True))
+    equal = all(len(set(map(len, column))) == 1 for column in columns[1::2])
+    if width == 2 and len(rows) > 1:
+        steps = np.diff([float(whole or "0") for whole in columns[0]])
+        return equal and not (steps[0] and np.allclose(steps, steps[0]))
+    zeros = any(x[:1] == "0" and len(x) > 1 for column in columns[1::2] for x in column)
+    if width % 2 == 0 and equal and zeros:
+        seem = f"{shown(rows[0].text)}: commas seem to separate columns and to mark decimals"
+        rule = "export it with semicolons or tabs, or with decimal points"
+        raise MisreadError(rows[0].number, f"{seem}: {rule}")
     return False

@@ -115,22 +115,19 @@ def _counts(line: int, text: str) -> Iterator[Statement]:
 
 
 def _intervals(line: int, text: str) -> Iterator[Statement]:
-    for match in _RATE_BEHIND.finditer(text):
-        if to_float(match[1]) > 0:
-            yield rate(line, text, match[1])
-    for match in _INTERVAL_BEHIND.finditer(text):
-        if to_float(match[1]) > 0:
-            yield interval(line, text, match[1], _factor(match[2]))
-    for names, is_rate in ((_INTERVAL, False), (_RATE, True)):
+    printed = [(match[1], "hz") for match in _RATE_BEHIND.finditer(text)]
+    printed += [(match[1], match[2]) for match in _INTERVAL_BEHIND.finditer(text)]
+    for names, usual in ((_INTERVAL, "s"), (_RATE, "hz")):
         for name in names.finditer(text):
-            values = _VALUES.match(text, name.end())
-            if not values or not to_float(number := values["values"].split("/")[0]) > 0:
-                continue
-            unit = f"{values['unit'] or ''} {values['behind'] or ''}".strip(" ()[]")
-            if re.match(_PER_SECOND, unit) or (is_rate and not _factor(unit)):
-                yield rate(line, text, number)
-            elif _factor(unit) or not unit:
-                yield interval(line, text, number, _factor(unit) or 1.0)
+            if values := _VALUES.match(text, name.end()):
+                unit = f"{values['unit'] or ''} {values['behind'] or ''}".strip(" ()[]") or usual
+                unit = usual if usual == "hz" and not _factor(unit) else unit
+                printed.append((values["values"].split("/")[0], unit))
+    for number, unit in printed:
+        if to_float(number) > 0 and re.match(_PER_SECOND, unit):
+            yield rate(line, text, number)
+        elif to_float(number) > 0 and _factor(unit):
+            yield interval(line, text, number, _factor(unit))
 
 
 def _factor(unit: str) -> float:

@@ -76,8 +76,8 @@ _MOST_LINES = 1_050_000
 _MOST_NUMBERS = 2_100_000
 
 
-def read_file(file: Path) -> TextFile:
-    """The lines of a file: a regular one, of text, not empty and not too large."""
+def _bytes_of(file: Path) -> bytes:
+    """The bytes of a file: a regular one, of no other kind, and not too large."""
     try:
         status = file.stat()
     except FileNotFoundError:
@@ -88,13 +88,18 @@ def read_file(file: Path) -> TextFile:
         raise MisreadError(None, f"must be a file, not a {kind}")
     with file.open("rb") as opened:
         data = opened.read(_MOST_BYTES + 1)
+    if other_kind := other.kind_of(file, data):
+        raise OtherKindError(None, other_kind)
     if len(data) > _MOST_BYTES:
         most, size = _MOST_BYTES / 1e6, max(len(data), status.st_size) / 1e6
         raise MisreadError(None, f"must have at most {most:.0f} MB of text, not {size:.4g} MB")
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):  # as spreadsheets export it
-        data = data.decode("utf-16", "replace").encode()
-    if kind := other.kind_of(file.name, data):
-        raise OtherKindError(None, kind)
+    utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # of spreadsheets
+    return data.decode("utf-16", "replace").encode() if utf_16 else data
+
+
+def read_file(file: Path) -> TextFile:
+    """The lines of a file: of text, not empty and not too large."""
+    data = _bytes_of(file)
     # Before the text is split: a number begins behind a separator, or with its sign behind a digit
     # or point of another one.
     n_lines = np.count_nonzero(_among(data[1:], b"\r\n") & ~_among(data[:-1], b"\r\n"))

@@ -30,7 +30,8 @@ UNIT = re.compile(
     rf"|{_PER}(?:{_SECOND}{_SQUARED}|\({_SECOND}{_SQUARED}\))"
     rf"|[ .*_]?{_SECOND} ?(?:\^|\*\*)? ?(?:-2|\(-2\))"
     "|p?s2|_(?:per_)?s_?2)"  # as in the names of columns acc_ms2, acc_m_s2
-    "|(?P<gal>gals?)|(?P<mg>(?:m|milli[ -]?)g(?:'?s)?)|(?P<tenth>g ?/ ?10)|(?P<g>g(?:'?s)?))(?![^\\W_])",
+    "|(?P<gal>gals?)|(?P<mg>(?:m|milli[ -]?)g(?:'?s)?)|(?P<tenth>g ?/ ?10)|(?P<g>g(?:'?s)?))"
+    "(?![^\\W_])",
     re.I,
 )
 LONE_UNIT = re.compile(rf"(?<![\w/^*.-]){UNIT.pattern}", re.I)
