@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxpound._checks import positive_number
 from jaxpound._errors import InvalidInput, warn
+from jaxpound.ground.damage import signs_of_damage
 from jaxpound.ground.formats import rows as printed
 from jaxpound.ground.formats.columns import COLUMNS, HISTORY
 from jaxpound.ground.formats.layout import Channel, is_vertical_file
@@ -41,54 +42,54 @@ def read_record(
 ) -> Record:
     """Read a recorded accelerogram from a file of one of the formats of the networks.
 
-    The record is named after the file and has samples in g (float64, standard gravity 9.80665 m/s²)
-    and dt in seconds. The content, not the extension, decides the layout:
+    The content, not the extension, decides the format: PEER AT2, CSMIP and RENADIC (V1, V2), COSMOS
+    V1.20, SMC, GeoNet (V1A, V2A), K-NET and KiK-net (without the mean of their counts), ESM (DYNA),
+    AFAD, UNAM, CWB, SLIST, TSPAIR, GeoCSV, JSON of SimCenter, columns of spreadsheets and texts
+    with or without times, and values one or 5, 8 or 10 a row. The guide "Your record" shows each.
+    The record has samples in g (float64, standard gravity 9.80665 m/s²), dt in seconds, and the
+    name of the file, with that of the component if the file has several.
 
-    - PEER AT2: a header with a line such as ``NPTS=  4000, DT= .01000 SEC`` or
-      ``7997 0.0050 NPTS, DT``, then the values, any number a row, also without a blank before a
-      sign (``.12E-02-.31E-02``).
-    - K-NET and KiK-net (NIED's ASCII format, www.kyoshin.bosai.go.jp): 17 lines of header, which
-      state scale factor, sampling frequency and duration, then whole counts. The mean of all
-      counts, the instrument's offset, is subtracted; the maximum must then be that of the header.
-    - Two columns, time and acceleration, separated by commas, semicolons, tabs or blanks. The time
-      step must be uniform within the rounding of the printed times; where that rounding could hide
-      a lost sample, it must be uniform as printed. The first sample is at t = 0 of the record.
-    - Values without times, one or at least three a row, with ``dt`` given.
+    Number of samples, sampling interval and units that a header states are understood as a whole,
+    or refused by name, and must be those of the data and of the arguments, within half of the last
+    printed digit. Text ahead of the first row is a header; blank lines and those that start with
+    ``#``, ``%`` or ``//`` hold no data.
 
-    Text ahead of the first row is a header; blank lines and those that start with ``#``, ``%`` or
-    ``//`` are skipped. Files are UTF-8 or else Latin-1. Units in a header are understood as a whole
-    (``UNITS OF CM/SEC/SEC``, ``acc [mg]``, ``acc_ms2``, ``time (ms)``, ``DT= 10 MSEC``) or refused
-    by name (``G/10``, ``counts``).
-
-    Warns (``PlausibilityWarning``) if data follow a comment inside the block of data, or a mark of
-    its end; if rows of values look like columns side by side; if a value has other digits than
-    nearly all others (of at least a thousand); if the time step is half a second or more; if the
-    last line has no line end and its value is the largest; if all of at least a hundred samples are
-    0; and as ``Record`` warns.
+    Warns (``PlausibilityWarning``) of signs of damage, such as values printed unlike nearly all
+    others, a comment among the data or a last line without an end; of rows that look like columns;
+    of a time step of half a second or more, or one that is finer than the file's; if all of at
+    least a hundred samples are 0; and as ``Record`` warns.
 
     Parameters
     ----------
     path
-        The file: a regular one of at most 32 MB, 1.05 million lines and 2.1 million numbers (a
-        million steps in two columns), with a header of at most 10 000 lines.
+        The file: a regular one of at most 32 MB, 1.05 million lines and 2.1 million numbers, with a
+        header of at most 10 000 lines of as many characters.
     dt
-        Time step > 0, s, for a file that states none; else it must agree to 1e-6.
+        Time step > 0, s, for a file that states none; else it must agree with the file's.
     units
-        Unit of the acceleration: "g", "m/s2", "cm/s2", "gal", "ft/s2", "in/s2", "mm/s2" or "mg" (a
-        thousandth of g), also as "m/s^2" or "m/s²". None means that of the header, or "g" if it
-        states none; otherwise the header must not state another unit.
+        Unit of the acceleration: "g", "m/s2", "cm/s2", "gal", "ft/s2", "in/s2", "mm/s2", "mg" (a
+        thousandth of g) or "g/10", also as "m/s^2" or "m/s²". None means that of the header, or "g"
+        if it states none; otherwise the header must not state another unit.
+    column
+        Component of a file of several: its number from 1, columns of times not counted, or its name
+        in the header, such as "N-S" or "HNE".
+    vertical
+        Whether a vertical component is meant; without it, or its ``column``, it is refused.
+    rows
+        "history" reads rows of any width as one history, "columns" as components side by side; by
+        default two, three, four and six numbers a row are components.
+    strict
+        Whether a warning is raised as a ``ValueError``.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If an argument breaks its rule, or the file is no regular file, too large, binary, empty or
-        without data; holds anything but finite numbers, a sample above 20 g, rows of unequal
-        length, non-uniform times, several columns of values, or only times; states no time step, a
-        dt or units that differ from the arguments, unknown units, or an unknown scale; is a history
-        of velocity or another quantity, or a spectrum; states no positive NPTS and DT; holds fewer
-        or more values than it states, which means damage; or ends inside its last value.
+        If an argument breaks its rule or contradicts the file; the file is of another kind, which
+        the message names, or states what its data are not; several components have no ``column``; a
+        value is no finite number, above 20 g or a code of missing values; rows are of unequal
+        length, times not uniform; or data are cut. The message has one line: file, line, what to do.
 
     Examples
     --------
@@ -204,7 +205,7 @@ class _Source:
         channel, notes = _within_count(channel), [*self.notes]
         rows, stated, samples = channel.rows, channel.stated, channel.samples
         printed.require_count(stated, len(samples))
-        printed.check_print(rows, samples, self.text.ended, notes)
+        signs_of_damage(rows, samples, self.text.ended, notes)
         step = _interval(channel, self.dt, notes)
         unit = stated_among(stated.units, UNITS)
         if unit and self.units and UNITS[unit] != UNITS[self.units]:

@@ -54,26 +54,26 @@ def read(
         raise MisreadError(counts[-1].line, f"no data: {counts[-1].text} must be followed by them")
     block = _without_first_numbers(block, dt)
     own_names = tuple(layout.components(header))
-    if not (layout.history or form == HISTORY):
-        return _channels(block, own_names, dt, form, notes)
-    if not layout.history:
-        width = len(block.rows[0].numbers)
-        printed.require_width(_full(block.rows, width), width)
-    return [Channel(own_names, stated, block.rows, flatten(block.rows))]
+    if layout.history:
+        return [Channel(own_names, stated, block.rows, flatten(block.rows))]
+    return _channels(block, own_names, dt, form, notes)
 
 
 def _channels(
     block: Block, own_names: tuple[str, ...], dt: float | None, form: str | None, notes: list[str]
 ) -> list[Channel]:
     stated, rows, width = block.stated, block.rows, len(block.rows[0].numbers)
+    if form == HISTORY:
+        return [Channel(own_names, stated, rows, _history(rows, width, dt, []))]
     names = _names(own_names, block, width)
     if width > 2 and width % 2 == 0 and _rise(rows, slice(0, None, 2)):
-        printed.require_width(_full(rows, width), width)
         samples, times, rows = printed.split_pairs(rows)
         return [Channel((), stated, rows, samples, times)]
     first = next((k for k, name in enumerate(names[:2]) if _is_time(name)), None)
     if first is None and width > 2 and _rise(rows, 0, dt):
-        first = int(_is_index(rows) and _rise(rows, 1, dt))
+        counts = [row.numbers[0] for row in rows]
+        is_index = all(map(str.isdigit, counts)) and set(np.diff(list(map(int, counts)))) == {1}
+        first = int(is_index and _rise(rows, 1, dt))
     if first is None and width == 2 and not _are_components(block, dt):
         first = 0
     if first is not None:
@@ -105,15 +105,11 @@ def _timed(block: Block, first: int, names: list[tuple[str, ...]]) -> list[Chann
     return [_column(block, k, names, times) for k in range(first + 1, width)]
 
 
-def _full(rows: list[ValueRow], width: int) -> list[ValueRow]:
-    return rows[:-1] if len(rows[-1].numbers) < width else rows
-
-
 def _history(
     rows: list[ValueRow], width: int, dt: float | None, notes: list[str]
 ) -> NDArray[np.float64]:
     """The samples of rows of any width; an error if velocities follow them in equal number."""
-    full, samples = _full(rows, width), flatten(rows)
+    full, samples = rows[:-1] if len(rows[-1].numbers) < width else rows, flatten(rows)
     printed.require_width(full, width)
     _require_no_times(full, width, dt)
     if width > 1 and len(full) >= 2 * FEW:
@@ -162,12 +158,6 @@ def _rise(
     return bool(np.abs(off).max() <= (2.1 if n >= 4 * FEW else 0.01) * steps.mean())
 
 
-def _is_index(rows: list[ValueRow]) -> bool:
-    """Whether the first column counts the rows."""
-    numbers = [row.numbers[0] for row in rows]
-    return all(x.isdigit() for x in numbers) and set(np.diff(list(map(int, numbers)))) == {1}
-
-
 def _are_components(block: Block, dt: float | None) -> bool:
     """Whether two columns are components: the first goes up and down, and an interval is known."""
     rows = block.rows
@@ -199,7 +189,7 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
     if count is not None:
         if not (float(count).is_integer() and float(count) > 1):
             raise MisreadError(line, f"{count} must be the number of values, which follow it")
-        stated.counts.append(Statement(line, text, float(count), 0.0))
+        stated.counts.append(Statement(line, text, float(count)))
     elif step is not None and dt is None:
         rule = f"pass dt={float(step):g} if it is one, in s"
         seem = f"{step} stands apart from the values behind it, as a time step does"

@@ -14,29 +14,26 @@ from jaxpound.ground.formats.statements import Stated, interval
 from jaxpound.ground.formats.text import NUMBER, TextLine
 
 _REALS = re.compile(
-    r" *(\d+) +Real-header values follow on +(\d+) lines, Format *= *\((\d+)[FE](\d+)", re.I
+    r" *\d+ +Real-header values follow on +(\d+) lines, Format *= *\((\d+)[FE](\d+)", re.I
 )
 _OF_RECORDER, _OF_SERIES = 33, 61  # indices of intervals in the real header: in s, and in ms
-_UNDEFINED = -999
 _APPROXIMATE = re.compile(rf"pts, approx +({NUMBER}) +secs?", re.I)
 
 
 def _state(header: Sequence[TextLine], stated: Stated) -> None:
     """Add the interval of the real header that agrees with the number of values in the title."""
-    for index, line in enumerate(header):
-        if match := _REALS.match(line.text):
-            form = int(match[3]), int(match[4])
-            block = header[index + 1 : index + 1 + int(match[2])]
-            reals = [x for line in block for x in rows.row_of(line, form, None).numbers]
-            break
-    else:
+    titles = (i for i, line in enumerate(header) if _REALS.match(line.text))
+    if (at := next(titles, None)) is None:
         return
+    title = _REALS.match(header[at].text)
+    n_lines, *form = (int(number) for number in title.groups())  # type: ignore[union-attr]
+    block = header[at + 1 : at + 1 + n_lines]
+    reals = [x for line in block for x in rows.row_of(line, (form[0], form[1]), None).numbers]
     duration = _APPROXIMATE.search(header[-1].text)
-    for at, unit in ((_OF_SERIES, 1e-3), (_OF_RECORDER, 1.0)):
-        if at < len(reals) and float(reals[at]) > 0:
-            statement = interval(line.number, "the real header", reals[at], unit)
-            most = 1 + 2 * statement.value
-            length = statement.value * stated.counts[-1].value
+    for index, unit in ((_OF_SERIES, 1e-3), (_OF_RECORDER, 1.0)):
+        if index < len(reals) and float(reals[index]) > 0:
+            statement = interval(block[0].number, "the real header", reals[index], unit)
+            length, most = statement.value * stated.counts[-1].value, 1 + 2 * statement.value
             if duration is None or abs(length - float(duration[1])) <= most:
                 stated.intervals.append(statement)
                 return

@@ -14,6 +14,12 @@ from jaxpound.ground.formats.statements import Stated, Statement
 from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, shown, to_float
 
 _HEADER_LINES = 20
+_FIELDS = (  # names, forms of their numbers, examples
+    ("Sampling Freq(Hz)", rf"({NUMBER}) ?Hz", "100Hz"),
+    ("Duration Time(s)", f"({NUMBER})", "108"),
+    ("Scale Factor", rf"({NUMBER}) ?\(gal\) ?/ ?({NUMBER})", "3920(gal)/6182761"),
+    ("Max. Acc. (gal)", f"({NUMBER})", "48.060"),
+)
 _DIRECTIONS = {  # of KiK-net, in the borehole and on the surface; K-NET has the axis itself
     str(3 * k + i): (axis, sensor)
     for k, sensor in enumerate(("borehole", "surface"))
@@ -32,11 +38,10 @@ def read(lines: Sequence[TextLine], notes: list[str]) -> Channel:
     if end is None:
         raise MisreadError(None, "a K-NET header must end with its line 'Memo.'")
     header = lines[:end]
-    at_rate, _, (rate,) = _field(header, "Sampling Freq(Hz)", rf"({NUMBER}) ?Hz", "100Hz")
-    at_time, _, (duration,) = _field(header, "Duration Time(s)", f"({NUMBER})", "108")
-    form = rf"({NUMBER}) ?\(gal\) ?/ ?({NUMBER})"
-    at_scale, _, (gal, per_counts) = _field(header, "Scale Factor", form, "3920(gal)/6182761")
-    at_peak, peak_text, (peak,) = _field(header, "Max. Acc. (gal)", f"({NUMBER})", "48.060")
+    (at_rate, _, (rate,)), (at_time, _, (duration,)), scale, (at_peak, peak_text, (peak,)) = (
+        _field(header, *field) for field in _FIELDS
+    )
+    at_scale, _, (gal, per_counts) = scale
     rows = printed.parse_rows(lines[end + 1 :], notes)
     for line, numbers in rows:
         for number in numbers:
@@ -44,11 +49,9 @@ def read(lines: Sequence[TextLine], notes: list[str]) -> Channel:
                 raise MisreadError(line, f"{number} must be a whole number of counts")
     counts = printed.flatten(rows)
     text = f"{rate:g} Hz for {duration:g} s, {rate * duration:.12g},"
-    stated = Stated(
-        {"gal": at_scale},
-        [Statement(at_time, text, float(round(rate * duration)), 0.0)],
-        [statements.rate(at_rate, "Sampling Freq(Hz)", f"{rate:g}")],
-    )
+    count = Statement(at_time, text, float(round(rate * duration)))
+    interval = statements.rate(at_rate, "Sampling Freq(Hz)", f"{rate:g}")
+    stated = Stated({"gal": at_scale}, [count], [interval])
     printed.require_count(stated, len(counts))
     texts = {line.number: line.text for line in lines}
     ends = [[match.end() for match in re.finditer(r"\S++", texts[row.line])] for row in rows]

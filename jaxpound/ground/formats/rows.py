@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Sequence
 from decimal import Decimal
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from jaxpound.ground.formats.statements import Stated, Statement, state_numbers
 from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, is_comment, shown, trimmed
 
 _LONGEST_HEADER = 10_000  # lines, and characters in a line
-FEW, _MANY = 10, 100  # values that suggest a pattern, and that exclude coincidence
+FEW, MANY = 10, 100  # values that suggest a pattern, and that exclude coincidence
 _NUMBER = re.compile(NUMBER)
 _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf(?:inity)?|[0-9]\.#\w{1,9})", re.I)
 _END_MARK = re.compile(r"\*++\s*+end(?![^\W_])", re.I)
@@ -25,7 +24,6 @@ _SIGN_AFTER_NUMBER = re.compile(r"(?<=[0-9.])(?=[-+])")
 _LONGEST_NUMBER = 100
 # Nearly all rows: numbers between blanks or between commas.
 _PLAIN_ROW = re.compile(rf"{NUMBER}(?:(?:[ \t]++{NUMBER})*+|(?:[ \t]*+,[ \t]*+{NUMBER})*+)")
-_SHAPE = str.maketrans("123456789", "000000000")  # the shape of a number: all digits 0
 
 
 class ValueRow(NamedTuple):
@@ -36,11 +34,11 @@ class ValueRow(NamedTuple):
 
 
 class Block(NamedTuple):
-    """The header and the rows of a file."""
+    """The header of a file, what it states, the text of the first row, and all rows."""
 
     header: Sequence[TextLine]
     stated: Stated
-    first: str  # the line of the first row
+    first: str
     rows: list[ValueRow]
 
 
@@ -74,7 +72,7 @@ def _first_row(lines: Sequence[TextLine], begin: int) -> int:
 
 def _is_header_text(text: str) -> bool:
     """Whether a line is mostly words; the reader of rows reports a single bad token."""
-    tokens = _tokens_of(text)[:_MANY]
+    tokens = _tokens_of(text)[:MANY]
     numeric = [bool(_numbers(token) or _NOT_FINITE.fullmatch(token)) for token in tokens]
     return (tokens[0][:1].isalpha() and not numeric[0]) or 2 * sum(numeric) < len(tokens)
 
@@ -225,58 +223,6 @@ def require_width(rows: list[ValueRow], width: int) -> None:
     for line, numbers in rows:
         if len(numbers) != width:
             raise MisreadError(line, f"a row of {len(numbers)} value(s) must have {width}")
-
-
-def check_print(
-    rows: list[ValueRow], samples: NDArray[np.float64], ended: bool, notes: list[str]
-) -> None:
-    """Refuse or note signs of damage: digits of printed values, a last line without a line end."""
-    _check_digits(rows, ended, notes)
-    peak = np.abs(samples)
-    if len(peak) >= _MANY and not ended and peak[-1] > peak[:-1].max():
-        notes.append("the last line has no end and its value is the largest: is the file cut?")
-
-
-def _check_digits(rows: list[ValueRow], ended: bool, notes: list[str]) -> None:
-    """Refuse a file that is cut inside its last value, which then has fewer digits than others.
-
-    A zero at the end, such as -0 or 0.0, may be the rest of a small value with more digits, unless
-    zeros are printed so elsewhere. A value elsewhere with other digits than nearly all is noted: it
-    may be damaged.
-    """
-    numbers = [number for row in rows for number in row.numbers]
-    if len(numbers) <= FEW // 2:
-        return
-    digits = np.array([_digits(number.translate(_SHAPE)) for number in numbers])
-    _, decimals, exponents = digits.T
-    exponents_before = exponents[:-1][exponents[:-1] > 0]
-    uniform = np.ptp(decimals[:-1]) == np.ptp(exponents[:-1]) == 0
-    nonzero = float(numbers[-1]) != 0
-    shorter = decimals[-1] < decimals[:-1].max() or exponents[-1] < exponents[:-1].max()
-    if (
-        ((uniform or (len(numbers) > _MANY and nonzero)) and decimals[-1] < decimals[:-1].min())
-        or (exponents[-1] == 0 and len(exponents_before) == len(numbers) - 1)
-        or (exponents[-1] > 0 and len(exponents_before) and exponents[-1] < exponents_before.min())
-        or (not ended and not nonzero and shorter and numbers[-1] not in numbers[:-1])
-    ):
-        message = f"{numbers[-1]} must have the digits of the values ahead of it: the file is cut"
-        raise MisreadError(rows[-1].line, message)
-    codes = digits @ np.array([10**6, 10**3, 1])  # three numbers, of at most 100 each, as one
-    forms, form, times = np.unique(codes, return_inverse=True, return_counts=True)
-    if len(forms) > 1 and len(numbers) - times.max() <= len(numbers) // (10 * _MANY):
-        index = int(np.argmax(form != np.argmax(times)))
-        place = f"{numbers[index]} in line {line_of(rows, index)}"
-        notes.append(f"{place} is printed with other digits than nearly all values: is it damaged?")
-
-
-@lru_cache(1000)  # numbers have few shapes
-def _digits(number: str) -> tuple[int, int, int]:
-    """Numbers of digits before the decimal point, after it (-1 without one), in the exponent."""
-    mantissa, _, exponent = number.lstrip("+-").partition("E")
-    whole, point, decimals = mantissa.partition(".")
-    places = len(decimals) if point else -1
-    # Without an exponent the digits before the point vary in a file.
-    return len(whole) if exponent else 0, places, len(exponent.lstrip("+-"))
 
 
 def flatten(rows: list[ValueRow]) -> NDArray[np.float64]:

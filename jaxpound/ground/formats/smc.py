@@ -17,16 +17,14 @@ _COUNT, _RATE, _UNDEFINED = 16, 1, 0  # indices
 
 
 def _state(header: Sequence[TextLine], stated: Stated) -> None:
-    lines = [line for line in header if not line.text.startswith("|")][-16:]
-    integers, reals = lines[: _INTEGERS[0]], lines[_INTEGERS[0] :]
+    lines = [line for line in header if not line.text.startswith("|")]
+    integers, reals = lines[-16:-10], lines[-10:]
     counts = [x for line in integers for x in rows.row_of(line, _INTEGERS[1:], None).numbers]
     numbers = [x for line in reals for x in rows.row_of(line, _REALS[1:], None).numbers]
     if float(numbers[_RATE]) == float(numbers[_UNDEFINED]) or not float(numbers[_RATE]) > 0:
         rule = "is undefined, as of values at uneven times, which must be resampled first"
         raise MisreadError(reals[0].number, f"sampling rate = {numbers[_RATE]} {rule}")
-    stated.counts[:] = [
-        Statement(integers[2].number, "the integer header", float(counts[_COUNT]), 0.0)
-    ]
+    stated.counts[:] = [Statement(integers[2].number, "the integer header", float(counts[_COUNT]))]
     stated.intervals.append(rate(reals[0].number, "the real header", f"{float(numbers[_RATE]):g}"))
 
 

@@ -6,6 +6,7 @@ The words are those of the networks: English, Spanish, Italian, German, French a
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
@@ -45,7 +46,7 @@ _INTERVAL_BEHIND = re.compile(rf"\bat ({NUMBER}) ?({_SECONDS}|{_MS})\.? interval
 _VALUES = re.compile(
     rf"(?:,? c1-c[0-9])?,? ?(?P<unit>\([^()]{{1,30}}\)|\[[^][]{{1,30}}\]|[a-z/]{{1,7}}(?= ?[:=]))?"
     rf"(?:,? c1-c[0-9])? ?(?:is |are |of |[:=])? ?/?(?P<values>{NUMBER}(?:/{NUMBER})*)"
-    r"(?![\w.:-]) ?(?P<behind>[a-z/]{1,12})?",
+    r"(?P<blank> ?)(?:\(?(?P<behind>[a-z/]{1,12})\)?)?(?![\w.:-])",
     re.I,
 )
 
@@ -56,15 +57,12 @@ class Statement(NamedTuple):
     line: int
     text: str
     value: float
-    slack: float
+    slack: float = 0.0
 
 
 @dataclasses.dataclass
 class Stated:
-    """What a header states: units, each with its line; numbers of samples; intervals, in s.
-
-    A format whose header keeps a number for each channel has lists of statements, one for each.
-    """
+    """What a header states: units, each with its line; numbers of samples; intervals, in s."""
 
     units: dict[str, int] = dataclasses.field(default_factory=dict)
     counts: list[Statement] = dataclasses.field(default_factory=list)
@@ -73,8 +71,7 @@ class Stated:
 
 def half_digit(number: str) -> float:
     """Half a unit in the last printed place of a number."""
-    exponent = Decimal(number.upper().replace("D", "E")).as_tuple().exponent
-    return 0.5 * 10.0 ** int(exponent)
+    return 0.5 * 10.0 ** int(Decimal(number.upper().replace("D", "E")).as_tuple().exponent)
 
 
 def interval(line: int, text: str, number: str, factor: float = 1.0) -> Statement:
@@ -85,8 +82,7 @@ def interval(line: int, text: str, number: str, factor: float = 1.0) -> Statemen
 def rate(line: int, text: str, number: str) -> Statement:
     """The interval at a rate, in Hz, which is exact if it is printed as a whole number."""
     hertz = to_float(number)
-    whole = hertz.is_integer() and "." not in number
-    slack = 0.0 if whole else half_digit(number) / hertz**2
+    slack = 0.0 if number.isdigit() else half_digit(number) / hertz**2
     return Statement(line, text, float(f"{1 / hertz:.12g}"), slack)
 
 
@@ -105,13 +101,15 @@ def folded(text: str) -> str:
 
 
 def _counts(line: int, text: str) -> Iterator[Statement]:
-    numbers = [match[1] for match in _COUNT_BEHIND.finditer(text)]
+    stated = [(match[0], match[1]) for match in _COUNT_BEHIND.finditer(text)]
     for name in _COUNT.finditer(text):
-        if values := _VALUES.match(text, name.end()):
-            numbers += values["values"].split("/")[:1]
-    for number in numbers:
+        values = _VALUES.match(text, name.end())
+        if values and (values["blank"] or not values["behind"]):
+            phrase = text[name.start() : values.end("values")]
+            stated.append((phrase, values["values"].split("/")[0]))
+    for phrase, number in stated:
         if (count := to_float(number)).is_integer() and count > 0:
-            yield Statement(line, text, count, 0.0)
+            yield Statement(line, phrase, count)
 
 
 def _intervals(line: int, text: str) -> Iterator[Statement]:
@@ -124,9 +122,11 @@ def _intervals(line: int, text: str) -> Iterator[Statement]:
                 unit = usual if usual == "hz" and not _factor(unit) else unit
                 printed.append((values["values"].split("/")[0], unit))
     for number, unit in printed:
-        if to_float(number) > 0 and re.match(_PER_SECOND, unit):
+        if not 0 < to_float(number) < math.inf:
+            continue
+        if re.match(_PER_SECOND, unit):
             yield rate(line, text, number)
-        elif to_float(number) > 0 and _factor(unit):
+        elif _factor(unit):
             yield interval(line, text, number, _factor(unit))
 
 

@@ -1,4 +1,8 @@
-"""The table of formats, and the components of a file by it."""
+"""The table of formats, and the components of a file by it.
+
+Sources of the layouts: Shakal & Huang (1985) for CSMIP, with the readers of gmprocess (Hearne et
+al., 2019) for the networks; the networks' own headers for what they state in prose.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +14,6 @@ from jaxpound.ground.formats import (
     blocks,
     columns,
     cosmos,
-    csmip,
-    geonet,
     json_events,
     knet,
     smc,
@@ -19,10 +21,22 @@ from jaxpound.ground.formats import (
 )
 from jaxpound.ground.formats.layout import Channel, Layout
 from jaxpound.ground.formats.statements import Stated, Statement
-from jaxpound.ground.formats.text import NUMBER, TextFile, TextLine
+from jaxpound.ground.formats.text import NUMBER, MisreadError, TextFile, TextLine
 
+_FACTOR = re.compile(r"Raw readings in units of (?!1\.0*[ ])(\S+ \S+)", re.I)
 _LENGTH = re.compile(rf"#?RecordLength\(sec\): *({NUMBER})", re.I)
-_TIMESERIES = r"TIMESERIES (?:\w*_)?([A-Z]\w[A-Z0-9])_\w,"  # its network, ..., channel and quality
+_CHANNEL = r"(?:CHAN +\d+:|COMP) *(UP|DOWN|[^\s(]+)"
+_TITLE = r" *\d+ +(?:\w+ )?(?:points?|pts)\b"
+_VOLUME_1 = r"(?:FILE +\d+ OF )?UNCORRECTED ACCELEROGRAM DATA"
+_VOLUME_2 = "CORRECTED ACCELEROGRAM  "
+_GEONET = r"(?:un)?corrected accelerogram \d{8}_\d{6}_"
+_TIMESERIES = r"TIMESERIES (?:\w*_)?([A-Z]\w[A-Z0-9])_\w,"  # ends in channel and quality
+
+
+def _require_factor_1(header: Sequence[TextLine], _stated: Stated) -> None:
+    for number, text in header:
+        if factor := _FACTOR.match(text):
+            raise MisreadError(number, f"units of {factor[1]} must be units of 1.00 mm/s/s")
 
 
 def _state_length(header: Sequence[TextLine], stated: Stated) -> None:
@@ -30,25 +44,49 @@ def _state_length(header: Sequence[TextLine], stated: Stated) -> None:
     for number, text in header:
         if (length := _LENGTH.match(text)) and stated.intervals:
             count = round(float(length[1]) / stated.intervals[0].value)
-            stated.counts.append(Statement(number, text.strip(), count, 1.0))
+            stated.counts.append(Statement(number, text.strip(), count, slack=1.0))
 
 
 LAYOUTS = (
     knet.LAYOUT,
-    geonet.LAYOUT,
-    csmip.CORRECTED,
-    csmip.RAW,
+    Layout(
+        name="GeoNet",
+        signature=_GEONET,
+        begin=_GEONET,
+        component=r"Component +(\S+)",
+        unit="mm/s2",
+        state=_require_factor_1,
+        numbers=((10, 10, 8),),
+        form=(10, 8),
+        integrals=True,
+    ),
+    Layout(
+        name="CSMIP V2",
+        signature=_VOLUME_2,
+        begin=_VOLUME_2,
+        component=_CHANNEL,
+        unit="cm/s2",
+        title=_TITLE,
+        form=(8, 10),
+    ),
+    Layout(
+        name="CSMIP V1 or RENADIC",
+        signature=_VOLUME_1,
+        begin=_VOLUME_1,
+        component=_CHANNEL,
+        numbers=((7, 16, 5), (7, 8, 10)),
+        title=_TITLE,
+        form=(8, 9),
+        pairs=(10, 7),
+    ),
     cosmos.LAYOUT,
     smc.LAYOUT,
     Layout(
-        name="SLIST",
-        signature=r"TIMESERIES .*\bSLIST\b",
-        begin="TIMESERIES ",
-        component=_TIMESERIES,
+        name="SLIST", signature=r"TIMESERIES .*\bSLIST", begin="TIMESERIES ", component=_TIMESERIES
     ),
     Layout(
         name="TSPAIR",
-        signature=r"TIMESERIES .*\bTSPAIR\b",
+        signature=r"TIMESERIES .*\bTSPAIR",
         begin="TIMESERIES ",
         component=_TIMESERIES,
         pairs=(2, 0),
@@ -56,31 +94,22 @@ LAYOUTS = (
     Layout(
         name="GeoCSV",
         signature="# ?dataset: GeoCSV",
-        component=r"# ?SID: .*?([A-Z]_[A-Z]_[A-Z0-9])$",
+        component="# ?SID: .*?([A-Z]_[A-Z]_[A-Z0-9])$",
     ),
     Layout(
-        name="AFAD or TR-NSMN",
+        name="AFAD",
         signature="STRONG GROUND MOTION RECORDS OF T",
         component=r"(?:RAW )?PGA VALUES.*?: *\(([^()]+)\)[^()]*\(([^()]+)\)[^()]*\(([^()]+)\)",
         unit="gal",
     ),
+    Layout(name="UNAM", signature="ARCHIVO ESTANDAR DE ACELERACION", behind="DATOS DE ACELERACION"),
     Layout(
-        name="Archivo Estándar de Aceleración",
-        signature="ARCHIVO ESTANDAR DE ACELERACION",
-        behind="DATOS DE ACELERACION",
-    ),
-    Layout(
-        name="CWB or CWA",
+        name="CWB",
         signature="#(?:Earthquake|Station) ?Information|#StationCode",
         component=r"#DataSequence: *Time *([A-Z])\(\+\); *([A-Z])\(\+\); *([A-Z])\(\+\)",
         state=_state_length,
     ),
-    Layout(
-        name="ESM or ITACA (DYNA)",
-        signature="EVENT_NAME:",
-        component=r"STREAM: *(\S+)",
-        behind="USER5:",
-    ),
+    Layout(name="ESM", signature="EVENT_NAME:", component=r"STREAM: *(\S+)", behind="USER5:"),
     at2.LAYOUT,
     Layout(name="columns", signature=""),
 )
