@@ -48,8 +48,9 @@ def _check_digits(rows: list[ValueRow], ended: bool, notes: list[str]) -> None:
         message = f"{numbers[-1]} must have the digits of the values ahead of it: the file is cut"
         raise MisreadError(rows[-1].line, message)
     codes = digits @ np.array([10**6, 10**3, 1])  # three numbers, of at most 100 each, as one
-    forms, form, times = np.unique(codes, return_inverse=True, return_counts=True)
-    if len(forms) > 1 and len(numbers) - times.max() <= len(numbers) // (10 * MANY):
+    _, form, times = np.unique(codes, return_inverse=True, return_counts=True)
+    odd = len(numbers) - times.max()
+    if len(numbers) >= MANY and 0 < odd <= max(1, len(numbers) // (10 * MANY)):
         index = int(np.argmax(form != np.argmax(times)))
         place = f"{numbers[index]} in line {line_of(rows, index)}"
         notes.append(f"{place} is printed with other digits than nearly all values: is it damaged?")

@@ -89,7 +89,7 @@ def read_record(
         If an argument breaks its rule or contradicts the file; the file is of another kind, which
         the message names, or states what its data are not; several components have no ``column``; a
         value is no finite number, above 20 g or a code of missing values; rows are of unequal
-        length, times not uniform; or data are cut. The message has one line: file, line, what to do.
+        length, times not uniform; or data are cut. The message is one line.
 
     Examples
     --------

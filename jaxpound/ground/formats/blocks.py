@@ -19,6 +19,8 @@ def read(layout: Layout, lines: Sequence[TextLine]) -> list[Channel]:
     """The components of a file, in their order."""
     starts = [i for i, line in enumerate(lines) if layout.matches("begin", line)]
     _require_accelerations(lines[: starts[0]])
+    if early := next((line for line in lines[: starts[0]] if _is_row(line)), None):
+        raise MisreadError(early.number, f"{shown(early.text.strip())}: must be behind a header")
     ends = [*starts[1:], len(lines)]
     return [_channel(layout, lines[i:end]) for i, end in zip(starts, ends, strict=True)]
 

@@ -244,7 +244,7 @@ def _names(own: tuple[str, ...], block: Block, width: int) -> list[tuple[str, ..
     and channels only.
     """
     if own and len(own) in (width, width - 1):
-        return [("time",)] * (width - len(own)) + [(name,) for name in own]
+        return [(name,) for name in ("time",) * (width - len(own)) + own]
     lines: list[list[str]] = []
     for _, raw, cells in _names_in(block.header):
         words = [set(units.words_of(cell)) for cell in cells]
@@ -253,8 +253,7 @@ def _names(own: tuple[str, ...], block: Block, width: int) -> list[tuple[str, ..
         if are_names and (separated or all(x <= _COMPONENTS for x in words)):
             bare = (re.sub(r"(?<=\S) ?[(\[].*", "", cell) for cell in cells)
             lines.append([cell if units.WORD.search(cell) else "" for cell in bare])
-    columns = zip(*lines, strict=True)
-    return [(*(name for name in names if name),) for names in columns]
+    return [tuple(filter(None, names)) for names in list[tuple[str, ...]](zip(*lines, strict=True))]
 
 
 def _column_names(raw: str) -> list[str]:

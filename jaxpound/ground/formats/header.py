@@ -138,7 +138,7 @@ def _after_units(number: int, text: str, match: re.Match[str]) -> Iterator[str]:
         yield from _unit_itself(number, ahead[1])
         return
     is_building = match[0][-1:] not in "sS" and sentence[:1].isdigit()  # as in "unit 3"
-    if (has_connector and not is_building) or units.looks_like_unit(sentence):
+    if (has_connector and sentence.strip() and not is_building) or units.looks_like_unit(sentence):
         raise _unknown(number, sentence)
 
 

@@ -72,8 +72,6 @@ def _stated(above: dict[str, Any]) -> Stated:
         if not isinstance(number, _Printed):
             continue
         text = f'"{key}": {number}'
-        if key in _INTERVALS | _FACTORS and not float(number) > 0:
-            raise MisreadError(None, f"{text} must be positive")
         if key in _INTERVALS:
             stated.intervals.append(interval(1, text, number))
         elif key in _COUNTS:

@@ -16,7 +16,11 @@ from jaxpound.ground.formats.text import TextLine
 
 _FIRST_LINES = 25  # of these one has the signature of a format
 _UPWARDS = "up|dwn|down|vrt|vert?(?:ical)?|u-?d"
-_VERTICAL = re.compile(rf"(?:a(?:cc(?:el)?)?[ _]?)?(?:{_UPWARDS}|u|v|z)[12]?|d|[a-z]{{2}}z", re.I)
+_VERTICAL = re.compile(
+    rf"(?:a(?:cc(?:el)?)?[ _]?)?(?:(?:{_UPWARDS})[0-9]?(?:[ ,(].*)?|[uvz][0-9]?)"
+    "|d|[a-z]_?[a-z]_?z[0-9]?",
+    re.I,
+)
 _VERTICAL_FILE = re.compile(
     rf".*(?:UP|DWN|VRT|VERT?|[BEHLS][HNLG]Z|[-_. ](?i:(?:{_UPWARDS})[12]?|[uvz]))(?:\.[^.]*)?"
 )

@@ -26,6 +26,7 @@ _BY_BEGINNING = (
     (rb"%PDF-|\x89PNG|\xff\xd8\xff", "a picture or a PDF", "a record is a file of numbers"),
     (rb"\s*<(?:!doctype|html)", "a web page", "download the file that it links to"),
     (rb".*Record Sequence Number", "a table of a search", "read the records beside it"),
+    (rb"[3-6] +(?:veloc|displ|resp|four)", "no acceleration (SMC)", "read that of its name"),
     (rb"\s*<\?xml", "an XML file", "read the file of the accelerations"),
 )
 

@@ -49,7 +49,8 @@ def _without_quotes(lines: list[TextLine], delimiter: str | None) -> list[TextLi
         if _QUOTED.search(line.text):
             cells = next(csv.reader([line.text.strip()], delimiter=delimiter))
             cells = [x.replace(",", "") if _THOUSANDS.fullmatch(x) else x for x in cells]
-            line = TextLine(line.number, ("\t" if delimiter != "," else ",").join(cells))
+            comma = delimiter == "," and not any("," in cell for cell in cells)
+            line = TextLine(line.number, ("," if comma else "\t").join(cells))
         plain.append(line)
     return plain
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from typing import NamedTuple
 
-from jaxpound.ground.formats.text import NUMBER, TextLine, plain, to_float
+from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, plain, to_float
 
 _POINTS = "(?:data|datos|dati|points?|pts|samples?|muestras|puntos|campioni|values|valores|veri)"
 _COUNT = re.compile(
@@ -75,7 +75,9 @@ def half_digit(number: str) -> float:
 
 
 def interval(line: int, text: str, number: str, factor: float = 1.0) -> Statement:
-    """The statement of an interval, of which a unit is ``factor`` s."""
+    """The statement of an interval, positive and of which a unit is ``factor`` s."""
+    if not 0 < to_float(number) < math.inf:
+        raise MisreadError(line, f"{text}: the time step {number} must be positive")
     return Statement(line, text, factor * to_float(number), factor * half_digit(number))
 
 

@@ -21,7 +21,14 @@ from jaxpound.ground.formats import (
 )
 from jaxpound.ground.formats.layout import Channel, Layout
 from jaxpound.ground.formats.statements import Stated, Statement
-from jaxpound.ground.formats.text import NUMBER, MisreadError, TextFile, TextLine
+from jaxpound.ground.formats.text import (
+    NUMBER,
+    MisreadError,
+    OtherKindError,
+    TextFile,
+    TextLine,
+    shown,
+)
 
 _FACTOR = re.compile(r"Raw readings in units of (?!1\.0*[ ])(\S+ \S+)", re.I)
 _LENGTH = re.compile(rf"#?RecordLength\(sec\): *({NUMBER})", re.I)
@@ -30,7 +37,6 @@ _TITLE = r" *\d+ +(?:\w+ )?(?:points?|pts)\b"
 _VOLUME_1 = r"(?:FILE +\d+ OF )?UNCORRECTED ACCELEROGRAM DATA"
 _VOLUME_2 = "CORRECTED ACCELEROGRAM  "
 _GEONET = r"(?:un)?corrected accelerogram \d{8}_\d{6}_"
-_TIMESERIES = r"TIMESERIES (?:\w*_)?([A-Z]\w[A-Z0-9])_\w,"  # ends in channel and quality
 
 
 def _require_factor_1(header: Sequence[TextLine], _stated: Stated) -> None:
@@ -45,6 +51,13 @@ def _state_length(header: Sequence[TextLine], stated: Stated) -> None:
         if (length := _LENGTH.match(text)) and stated.intervals:
             count = round(float(length[1]) / stated.intervals[0].value)
             stated.counts.append(Statement(number, text.strip(), count, slack=1.0))
+
+
+def _require_acceleration(header: Sequence[TextLine], stated: Stated) -> None:
+    """Refuse a unit, in the last cell of the header, that is none of accelerations."""
+    unit = header[0].text.split(",")[-1].strip()
+    if unit not in ("", "FLOAT", "INTEGER") and not stated.units:
+        raise OtherKindError(header[0].number, f"{shown(unit)} must be a unit of accelerations")
 
 
 LAYOUTS = (
@@ -81,15 +94,16 @@ LAYOUTS = (
     ),
     cosmos.LAYOUT,
     smc.LAYOUT,
-    Layout(
-        name="SLIST", signature=r"TIMESERIES .*\bSLIST", begin="TIMESERIES ", component=_TIMESERIES
-    ),
-    Layout(
-        name="TSPAIR",
-        signature=r"TIMESERIES .*\bTSPAIR",
-        begin="TIMESERIES ",
-        component=_TIMESERIES,
-        pairs=(2, 0),
+    *(
+        Layout(
+            name=name,
+            signature=rf"TIMESERIES .*\b{name}",
+            begin="TIMESERIES ",
+            component=r"TIMESERIES (?:\w*_)?([A-Z]\w[A-Z0-9])_\w,",  # channel and quality
+            state=_require_acceleration,
+            pairs=pairs,
+        )
+        for name, pairs in (("SLIST", None), ("TSPAIR", (2, 0)))
     ),
     Layout(
         name="GeoCSV",
