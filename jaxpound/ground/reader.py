@@ -16,12 +16,13 @@ from jaxpound._errors import InvalidInput, warn
 from jaxpound.ground.damage import signs_of_damage
 from jaxpound.ground.formats import rows as printed
 from jaxpound.ground.formats.columns import COLUMNS, HISTORY
-from jaxpound.ground.formats.layout import Channel, is_vertical_file
+from jaxpound.ground.formats.layout import Channel
 from jaxpound.ground.formats.table import channels_of
 from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextFile, read_file
-from jaxpound.ground.formats.units import UNITS, stated_among, stated_unit
+from jaxpound.ground.formats.units import UNITS, stated_among
 from jaxpound.ground.plausibility import MANY, missing_code, of_samples
-from jaxpound.ground.record import Record, derived
+from jaxpound.ground.record import Record, derived, stated_unit
+from jaxpound.ground.stations import is_vertical, is_vertical_file
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 
 _ROUGH = 0.025  # most that a time step may differ from a printed one, as 1/204.8 s from .005 s
@@ -166,7 +167,7 @@ class _Source:
         if column is not None:
             return self._at(column, listed)
         if vertical and len(channels) > 1:
-            channels = [channel for channel in channels if channel.vertical]
+            channels = [channel for channel in channels if any(map(is_vertical, channel.names))]
         if len(channels) != 1:
             rule = "choose one by its number or name, as column=1"
             raise MisreadError(self.channels[0].rows[0].line, f"{listed}: {rule}")
@@ -186,11 +187,10 @@ class _Source:
 
     def horizontal(self) -> list[Channel]:
         """The components that are not said to be vertical; an ``OtherKindError`` if none is."""
-        horizontal = [channel for channel in self.channels if not channel.vertical]
-        silent = not any(channel.names for channel in horizontal)
-        by_name = silent and is_vertical_file(self.path.name)
-        if not horizontal or by_name:
-            says = "the file's name" if by_name else " ".join(self.channels[0].names)
+        horizontal = [x for x in self.channels if not any(map(is_vertical, x.names))]
+        silent = not any(channel.names for channel in self.channels)
+        if not horizontal or (silent and is_vertical_file(self.path.name)):
+            says = "the file's name" if silent else " ".join(self.channels[0].names)
             rule = "pass vertical=True if it is to shake buildings sideways"
             raise OtherKindError(None, f"is a vertical component ({says}): {rule}")
         return horizontal

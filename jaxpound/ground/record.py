@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
@@ -18,7 +19,7 @@ from jaxpound._extrema import larger, smaller
 from jaxpound._fields import check, label, parameter, pytree_dataclass, static, unchecked
 from jaxpound.grid import TimeGrid
 from jaxpound.ground import motion
-from jaxpound.ground.formats.units import UNITS, stated_unit
+from jaxpound.ground.formats.units import UNITS, whole_unit
 from jaxpound.ground.plausibility import OFFSET, of_samples, offset
 from jaxpound.ground.run_input import instants
 from jaxpound.quantities import STANDARD_GRAVITY
@@ -271,6 +272,15 @@ class Record(motion.GroundMotion):
         times = f"dt = {float(self.dt):.6g} {unit}, duration {duration:.6g} {unit}"
         numbers = [f"{self.n_samples} samples", times, f"peak {peak:.4g} g"]
         return f"Record({title}{', '.join([*numbers, *self.notes])})"
+
+
+def stated_unit(owner: str, units: str) -> str:
+    """The unit of accelerations that ``units`` names; an ``InvalidInput`` if it is none."""
+    unit = whole_unit(units) if isinstance(units, str) else None
+    if unit is None:
+        rule = f"must be one of {', '.join(UNITS)}"
+        raise InvalidInput(owner, "units", reprlib.repr(units), rule)
+    return unit
 
 
 def derived(

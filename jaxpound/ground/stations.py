@@ -1,4 +1,4 @@
-"""Pairs of files of the two horizontal components of a station, by their names."""
+"""Components by their names: vertical ones, and pairs of files of a station's horizontal ones."""
 
 from __future__ import annotations
 
@@ -6,6 +6,15 @@ import math
 import re
 from collections.abc import Sequence
 
+_UPWARDS = "up|dwn|down|vrt|vert?(?:ical)?|u-?d"
+_VERTICAL = re.compile(
+    rf"(?:a(?:cc(?:el)?)?[ _]?)?(?:(?:{_UPWARDS})[0-9]?(?:[ ,(].*)?|[uvz][0-9]?)"
+    "|d|[a-z]_?[a-z]_?z[0-9]?",
+    re.I,
+)
+_VERTICAL_FILE = re.compile(
+    rf".*(?:UP|DWN|VRT|VERT?|[BEHLS][HNLG]Z|[-_. ](?i:(?:{_UPWARDS})[12]?|[uvz]))(?:\.[^.]*)?"
+)
 _AZIMUTHS = {  # of axes, in degrees, from the first one
     **dict.fromkeys(("N", "S", "NS", "L", "R", "LONG", "X", "FN", "1"), 0),
     **dict.fromkeys(("E", "W", "EW", "T", "TRAN", "Y", "FP", "2"), 90),
@@ -21,6 +30,16 @@ _COMPONENTS = tuple(
         r"(FN|FP|N-?S|E-?W|[NS][0-9]{2}[EW]|[0-9]{3}|(?<=[-_. ])(?:[ELNRSTWXY]|LONG|TRAN))(\.\w*|)",
     )
 )
+
+
+def is_vertical(name: str) -> bool:
+    """Whether the name of a component says that it is vertical."""
+    return _VERTICAL.fullmatch(name.strip(" .'\"")) is not None
+
+
+def is_vertical_file(name: str) -> bool:
+    """Whether the name of a file says that it is of a vertical component."""
+    return _VERTICAL_FILE.fullmatch(name) is not None
 
 
 def pairs_of(files: Sequence[str]) -> dict[str, str]:

@@ -50,23 +50,21 @@ def _first_value(
     layout: Layout, lines: Sequence[TextLine]
 ) -> tuple[int, tuple[int, int] | None, bool]:
     """The index of the first row of values, their form, and whether they are pairs with times."""
-    for index, line in enumerate(lines[:-1]):
-        if layout.title and layout.matches("title", line) and _is_row(lines[index + 1]):
+    for at, line in enumerate(lines[:-1], 1):
+        if layout.title and layout.matches("title", line) and _is_row(lines[at]):
             _require_accelerations([line])
             form = _FORM.search(line.text)
-            return index + 1, (int(form[1] or 1), int(form[2])) if form else layout.form, False
+            return at, (int(form[1] or 1), int(form[2])) if form else layout.form, False
+    is_row = [_is_row(line) for line in lines]
+    full = [len(line.text.rstrip()) for line in lines]
     at = 1
     for n_rows, per_row, width in layout.numbers:
-        while at < len(lines) and not (
-            len(lines[at].text.rstrip()) == per_row * width and _is_row(lines[at])
-        ):
+        while at < len(lines) and not (is_row[at] and full[at] == per_row * width):
             at += 1
         at += n_rows
-    while at < len(lines) and not _is_row(lines[at]):
-        at += 1
-    if at >= len(lines):
+    if True not in is_row[at:]:
         raise MisreadError(lines[0].number, f"no data: no values in this file of {layout.name}")
-    return at, layout.pairs or layout.form, layout.pairs is not None
+    return is_row.index(True, at), layout.pairs or layout.form, layout.pairs is not None
 
 
 def _require_accelerations(lines: Sequence[TextLine]) -> None:

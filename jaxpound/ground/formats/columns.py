@@ -69,7 +69,8 @@ def _channels(
     if width > 2 and width % 2 == 0 and _rise(rows, slice(0, None, 2)):
         samples, times, rows = printed.split_pairs(rows)
         return [Channel((), stated, rows, samples, times)]
-    first = next((k for k, name in enumerate(names[:2]) if _is_time(name)), None)
+    first_words = [{w for x in column for w in units.words_of(x)[:1]} for column in names[:2]]
+    first = next((k for k, words in enumerate(first_words) if words & units.TIMES), None)
     if first is None and width > 2 and _rise(rows, 0, dt):
         counts = [row.numbers[0] for row in rows]
         is_index = all(map(str.isdigit, counts)) and set(np.diff(list(map(int, counts)))) == {1}
@@ -131,9 +132,8 @@ def _history(
 def _require_no_times(rows: list[ValueRow], width: int, dt: float | None) -> None:
     for k in range(width):
         if _rise(rows, k, dt, FEW if width == 1 else 4):
-            place, rule = "the only column", "it must hold accelerations"
-            if width > 1:
-                place, rule = f"column {k + 1}", "times must be the first column"
+            place = f"column {k + 1}" if width > 1 else "the only column"
+            rule = "times must be the first column" if width > 1 else "it must hold accelerations"
             message = f"{place} rises evenly from row to row, as times or an index do: {rule}"
             raise MisreadError(rows[0].line, message)
 
@@ -209,8 +209,13 @@ def _is_step(rows: list[ValueRow]) -> bool:
 
 def _names_in(header: Sequence[TextLine]) -> list[tuple[int, str, list[str]]]:
     """The last two lines with words of a header: number, text, and the names of columns in it."""
-    lines = [line for line in header if units.WORD.search(line.text)][-2:]
-    return [(number, raw, _column_names(raw)) for number, raw in lines]
+    names = []
+    for number, raw in [line for line in header if units.WORD.search(line.text)][-2:]:
+        text = raw.lstrip("#%/ ").rstrip(",; \t")
+        separator = next((x for x in ";,\t" if x in text), None)
+        cells = text.split(separator) if separator else _CELL.findall(plain(text))
+        names.append((number, raw, list(map(plain, cells))))
+    return names
 
 
 def _read_column_names(header: Sequence[TextLine], stated: Stated) -> None:
@@ -233,10 +238,6 @@ def _read_column_names(header: Sequence[TextLine], stated: Stated) -> None:
                 units.state(stated.units, unit, number)
 
 
-def _is_time(names: tuple[str, ...]) -> bool:
-    return any(words and words[0] in units.TIMES for words in map(units.words_of, names))
-
-
 def _names(own: tuple[str, ...], block: Block, width: int) -> list[tuple[str, ...]]:
     """Names of the columns: those that the format states, or of the last lines of the header.
 
@@ -254,14 +255,6 @@ def _names(own: tuple[str, ...], block: Block, width: int) -> list[tuple[str, ..
             bare = (re.sub(r"(?<=\S) ?[(\[].*", "", cell) for cell in cells)
             lines.append([cell if units.WORD.search(cell) else "" for cell in bare])
     return [tuple(filter(None, names)) for names in list[tuple[str, ...]](zip(*lines, strict=True))]
-
-
-def _column_names(raw: str) -> list[str]:
-    text = raw.lstrip("#%/ ").rstrip(",; \t")
-    for separator in ";,\t":
-        if separator in text:
-            return [plain(cell) for cell in text.split(separator)]
-    return _CELL.findall(plain(text))
 
 
 def _unit_of_cell(number: int, cell: str, *, is_time: bool) -> str | None:

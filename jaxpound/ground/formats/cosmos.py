@@ -28,7 +28,7 @@ def _state(header: Sequence[TextLine], stated: Stated) -> None:
     title = _REALS.match(header[at].text)
     n_lines, *form = (int(number) for number in title.groups())  # type: ignore[union-attr]
     block = header[at + 1 : at + 1 + n_lines]
-    reals = [x for line in block for x in rows.row_of(line, (form[0], form[1]), None).numbers]
+    reals = rows.numbers_of(block, (form[0], form[1]))
     duration = _APPROXIMATE.search(header[-1].text)
     for index, unit in ((_OF_SERIES, 1e-3), (_OF_RECORDER, 1.0)):
         if index < len(reals) and float(reals[index]) > 0:
@@ -41,7 +41,6 @@ def _state(header: Sequence[TextLine], stated: Stated) -> None:
 
 LAYOUT = Layout(
     name="COSMOS V1.20",
-    signature=r".*\(Format v0?1\.\d+",
     begin=r".*\(Format v0?1\.\d+",
     component=r"Sta Cha[n:] *(?:\S+ *:|\S+:) *([^(]+?)(?: deg)? *(?:\(|$)",
     state=_state,

@@ -17,7 +17,6 @@ from jaxpound.ground.formats.text import (
     OtherKindError,
     TextLine,
     plain,
-    set_of,
     shown,
 )
 
@@ -48,12 +47,12 @@ _SCALE = re.compile(
     r"\b(?:counts?|(?:scale|scaling|calibration|conversion) ?factor|sensitivity|multiplier|lsb)\b",
     re.I,
 )
-_NOT_OF_DATA = set_of(  # a bracketed unit behind them is that of a range, a level or a filter
+_NOT_OF_DATA = units.set_of(  # a bracketed unit behind them is that of a range, a level or a filter
     "scale escala esc range rango fondo trigger threshold umbral disparo level soglia filter "
     "filtro corner cutoff resolution noise gain"
 )
-_SENSORS = set_of("sensor sensors sensores sensore")  # unless data are spoken of
-_INSTRUMENTS = set_of("recorder recording instrument sensor housing power plant")
+_SENSORS = units.set_of("sensor sensors sensores sensore")  # unless data are spoken of
+_INSTRUMENTS = units.set_of("recorder recording instrument sensor housing power plant")
 
 
 def stated_units(header: Sequence[TextLine]) -> dict[str, int]:

@@ -19,11 +19,6 @@ _TEXTS = {"info", "description"}
 _OTHER_TYPES = ("UniformVelocity", "UniformDisplacement")  # of a pattern of loads
 
 
-def fits(lines: list[TextLine]) -> bool:
-    """Whether a file begins as JSON does."""
-    return lines[0].text.lstrip()[:1] in ("{", "[")
-
-
 def read(lines: list[TextLine]) -> list[Channel]:
     """The histories of a file, in its order."""
     ends = [line.number for line in lines[1:]] + [lines[-1].number]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -37,21 +38,17 @@ def read(lines: Sequence[TextLine], notes: list[str]) -> Channel:
     end = next((i for i, x in enumerate(lines[:_HEADER_LINES]) if x.text.startswith("Memo")), None)
     if end is None:
         raise MisreadError(None, "a K-NET header must end with its line 'Memo.'")
-    header = lines[:end]
-    (at_rate, _, (rate,)), (at_time, _, (duration,)), scale, (at_peak, peak_text, (peak,)) = (
-        _field(header, *field) for field in _FIELDS
+    (at_rate, rate), (at_time, duration), (at_scale, gal, per), (at_peak, peak) = (
+        _field(lines[:end], *field) for field in _FIELDS
     )
-    at_scale, _, (gal, per_counts) = scale
     rows = printed.parse_rows(lines[end + 1 :], notes)
     for line, numbers in rows:
         for number in numbers:
             if not number.lstrip("+-").isdigit():
                 raise MisreadError(line, f"{number} must be a whole number of counts")
-    counts = printed.flatten(rows)
-    text = f"{rate:g} Hz for {duration:g} s, {rate * duration:.12g},"
-    count = Statement(at_time, text, float(round(rate * duration)))
-    interval = statements.rate(at_rate, "Sampling Freq(Hz)", f"{rate:g}")
-    stated = Stated({"gal": at_scale}, [count], [interval])
+    counts, n = printed.flatten(rows), to_float(rate) * to_float(duration)
+    count = Statement(at_time, f"{rate} Hz for {duration} s, {n:.12g},", float(round(n)))
+    stated = Stated({"gal": at_scale}, [count], [statements.rate(at_rate, _FIELDS[0][0], rate)])
     printed.require_count(stated, len(counts))
     texts = {line.number: line.text for line in lines}
     ends = [[match.end() for match in re.finditer(r"\S++", texts[row.line])] for row in rows]
@@ -60,27 +57,25 @@ def read(lines: Sequence[TextLine], notes: list[str]) -> Channel:
     if len(rows) > 2 and 0 < len(odd) <= max(1, len(rows) // 100):
         rule = "must end below those of other rows: digits are lost, or the file is cut"
         raise MisreadError(odd[0].line, f"the counts {shown(texts[odd[0].line].strip())} {rule}")
-    samples = (counts - counts.mean()) * (gal / per_counts)
+    scale = to_float(gal) / to_float(per)
+    samples = (counts - counts.mean()) * scale
     largest = float(np.abs(samples).max())
-    if abs(largest - peak) > float(printed.print_rounding([peak_text])[0]) + gal / per_counts:
+    if abs(largest - to_float(peak)) > statements.half_digit(peak) + scale:
         rule = f"that of the counts about their mean, {largest:.6g}: the file is damaged"
-        raise MisreadError(at_peak, f"Max. Acc. = {peak_text} gal must be {rule}")
-    names = LAYOUT.components(header)
+        raise MisreadError(at_peak, f"Max. Acc. = {peak} gal must be {rule}")
+    names = LAYOUT.components(lines[:end])
     return Channel(_DIRECTIONS.get("".join(names), tuple(names)), stated, rows, samples)
 
 
-def _field(
-    header: Sequence[TextLine], name: str, form: str, example: str
-) -> tuple[int, str, list[float]]:
-    """The line of a field, its text and its positive numbers."""
+def _field(header: Sequence[TextLine], name: str, form: str, example: str) -> tuple[Any, ...]:
+    """The line of a field, and its positive numbers as printed."""
     for line, text in header:
         text = text.replace("Max Acc.", "Max. Acc.")  # as in NIED's own description
         if text.startswith(name):
             value = text[len(name) :].strip()
             match = re.fullmatch(form, value)
-            numbers = [to_float(number) for number in match.groups()] if match else []
-            if not numbers or not all(0 < number < 1e12 for number in numbers):
+            if not match or not all(0 < to_float(number) < 1e12 for number in match.groups()):
                 rule = f"must be positive, as in {example}"
                 raise MisreadError(line, f"{name} = {shown(value)} {rule}")
-            return line, value, numbers
+            return line, *match.groups()
     raise MisreadError(None, f"a K-NET header must state {name}")

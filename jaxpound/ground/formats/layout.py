@@ -15,15 +15,6 @@ from jaxpound.ground.formats.statements import Stated, Statement
 from jaxpound.ground.formats.text import TextLine
 
 _FIRST_LINES = 25  # of these one has the signature of a format
-_UPWARDS = "up|dwn|down|vrt|vert?(?:ical)?|u-?d"
-_VERTICAL = re.compile(
-    rf"(?:a(?:cc(?:el)?)?[ _]?)?(?:(?:{_UPWARDS})[0-9]?(?:[ ,(].*)?|[uvz][0-9]?)"
-    "|d|[a-z]_?[a-z]_?z[0-9]?",
-    re.I,
-)
-_VERTICAL_FILE = re.compile(
-    rf".*(?:UP|DWN|VRT|VERT?|[BEHLS][HNLG]Z|[-_. ](?i:(?:{_UPWARDS})[12]?|[uvz]))(?:\.[^.]*)?"
-)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -35,7 +26,7 @@ class Layout:
     """
 
     name: str
-    signature: str  # of one of the first lines of a file
+    signature: str = ""  # of one of the first lines of a file; by default that of a block
     component: str = ""  # of a line of the header; its groups are names of components, in order
     unit: str = ""  # that of all files of the format; else the header states it
     state: Callable[[Sequence[TextLine], Stated], None] | None = None  # what no prose states
@@ -54,13 +45,13 @@ class Layout:
 
     def fits(self, lines: Sequence[TextLine]) -> bool:
         """Whether one of the first lines has the signature."""
-        return any(self.matches("signature", line) for line in lines[:_FIRST_LINES])
+        field = "signature" if self.signature else "begin"
+        return any(self.matches(field, line) for line in lines[:_FIRST_LINES])
 
     def components(self, header: Sequence[TextLine]) -> list[str]:
         """Names of the components that a header states."""
         lines = (self.matches("component", line) for line in header if self.component)
-        names = (name.strip() for match in lines if match for name in match.groups())
-        return list(dict.fromkeys(names))
+        return list(dict.fromkeys(x.strip() for match in lines if match for x in match.groups()))
 
 
 class Channel(NamedTuple):
@@ -71,13 +62,3 @@ class Channel(NamedTuple):
     rows: list[ValueRow]  # of accelerations only
     samples: NDArray[np.float64]  # in the unit of the file
     times: Statement | None = None  # the interval of its column of times
-
-    @property
-    def vertical(self) -> bool:
-        """Whether one of its names says that it is vertical."""
-        return any(_VERTICAL.fullmatch(name.strip(" .'\"")) for name in self.names)
-
-
-def is_vertical_file(name: str) -> bool:
-    """Whether the name of a file says that it is of a vertical component."""
-    return _VERTICAL_FILE.fullmatch(name) is not None

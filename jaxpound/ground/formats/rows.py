@@ -153,17 +153,18 @@ def row_of(line: TextLine, form: tuple[int, int] | None, n: int | None) -> Value
     per_row, width = form
     text = text[1:] if len(text) % width == 1 and text[0] == " " else text
     cells = [text[at : at + width] for at in range(0, len(text), width)]
-    numbers = [cell.strip() for cell in cells]
-    right = (
-        len(text) % width == 0
-        and all(map(_is_number, numbers))
-        and not any(cell[-1] == " " for cell in cells)
-    )
+    numbers = [cell.lstrip() for cell in cells]
+    right = len(text) % width == 0 and all(map(_is_number, numbers))
     surplus = [float(_plain_number(number)) for number in numbers[n:] if right and n is not None]
     if not right or any(surplus) or not (n or 1) <= len(cells) <= per_row:
         rule = f"must be {n or per_row} numbers of {width} characters each"
         raise MisreadError(number, f"{shown(text.strip())} {rule}")
     return ValueRow(number, [_plain_number(cell) for cell in numbers[:n]])
+
+
+def numbers_of(lines: Sequence[TextLine], form: tuple[int, int]) -> list[str]:
+    """The numbers of some lines, as printed."""
+    return [number for line in lines for number in row_of(line, form, None).numbers]
 
 
 def _plain_number(text: str) -> str:

@@ -19,8 +19,7 @@ _COUNT, _RATE, _UNDEFINED = 16, 1, 0  # indices
 def _state(header: Sequence[TextLine], stated: Stated) -> None:
     lines = [line for line in header if not line.text.startswith("|")]
     integers, reals = lines[-16:-10], lines[-10:]
-    counts = [x for line in integers for x in rows.row_of(line, _INTEGERS[1:], None).numbers]
-    numbers = [x for line in reals for x in rows.row_of(line, _REALS[1:], None).numbers]
+    counts, numbers = rows.numbers_of(integers, _INTEGERS[1:]), rows.numbers_of(reals, _REALS[1:])
     if float(numbers[_RATE]) == float(numbers[_UNDEFINED]) or not float(numbers[_RATE]) > 0:
         rule = "is undefined, as of values at uneven times, which must be resampled first"
         raise MisreadError(reals[0].number, f"sampling rate = {numbers[_RATE]} {rule}")
@@ -30,7 +29,6 @@ def _state(header: Sequence[TextLine], stated: Stated) -> None:
 
 LAYOUT = Layout(
     name="SMC",
-    signature=r"[12] (?:un)?corrected accelerogram",
     begin=r"[12] (?:un)?corrected accelerogram",
     component=r".*\bcomponent= *(\S+)",
     unit="cm/s2",

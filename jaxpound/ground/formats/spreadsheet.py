@@ -92,11 +92,8 @@ def _with_point(line: TextLine) -> TextLine:
     text = line.text
     if not (_OF_NUMBERS.fullmatch(text) and _are_with_commas(_CELL.findall(text))):
         return line
-    return TextLine(line.number, _CELL.sub(_cell_with_point, text))
-
-
-def _cell_with_point(cell: re.Match[str]) -> str:
-    return cell[0].replace(".", "").replace(",", ".") if "," in cell[0] else cell[0]
+    without_thousands = re.sub(r"\.(?=[^;\s]*,)", "", text)
+    return TextLine(line.number, without_thousands.replace(",", "."))
 
 
 def _is_one_column(rows: list[TextLine]) -> bool:

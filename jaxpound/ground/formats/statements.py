@@ -91,15 +91,11 @@ def rate(line: int, text: str, number: str) -> Statement:
 def state_numbers(header: Sequence[TextLine], stated: Stated) -> None:
     """Add the numbers of samples and intervals that a header states in prose."""
     for number, raw in header:
-        text = folded(raw)
+        small = plain(raw).lower().replace("ı", "i").replace("_", " ")
+        without_accents = unicodedata.normalize("NFKD", small).encode("ascii", "ignore")
+        text = " ".join(without_accents.decode().split())
         stated.counts += _counts(number, text)
         stated.intervals += _intervals(number, text)
-
-
-def folded(text: str) -> str:
-    """A line in small letters without accents, underscores and double blanks."""
-    letters = unicodedata.normalize("NFKD", plain(text).lower().replace("ı", "i"))
-    return " ".join(letters.encode("ascii", "ignore").decode().replace("_", " ").split())
 
 
 def _counts(line: int, text: str) -> Iterator[Statement]:

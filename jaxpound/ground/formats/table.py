@@ -34,9 +34,6 @@ _FACTOR = re.compile(r"Raw readings in units of (?!1\.0*[ ])(\S+ \S+)", re.I)
 _LENGTH = re.compile(rf"#?RecordLength\(sec\): *({NUMBER})", re.I)
 _CHANNEL = r"(?:CHAN +\d+:|COMP) *(UP|DOWN|[^\s(]+)"
 _TITLE = r" *\d+ +(?:\w+ )?(?:points?|pts)\b"
-_VOLUME_1 = r"(?:FILE +\d+ OF )?UNCORRECTED ACCELEROGRAM DATA"
-_VOLUME_2 = "CORRECTED ACCELEROGRAM  "
-_GEONET = r"(?:un)?corrected accelerogram \d{8}_\d{6}_"
 
 
 def _require_factor_1(header: Sequence[TextLine], _stated: Stated) -> None:
@@ -64,8 +61,7 @@ LAYOUTS = (
     knet.LAYOUT,
     Layout(
         name="GeoNet",
-        signature=_GEONET,
-        begin=_GEONET,
+        begin=r"(?:un)?corrected accelerogram \d{8}_\d{6}_",
         component=r"Component +(\S+)",
         unit="mm/s2",
         state=_require_factor_1,
@@ -75,8 +71,7 @@ LAYOUTS = (
     ),
     Layout(
         name="CSMIP V2",
-        signature=_VOLUME_2,
-        begin=_VOLUME_2,
+        begin="CORRECTED ACCELEROGRAM  ",
         component=_CHANNEL,
         unit="cm/s2",
         title=_TITLE,
@@ -84,8 +79,7 @@ LAYOUTS = (
     ),
     Layout(
         name="CSMIP V1 or RENADIC",
-        signature=_VOLUME_1,
-        begin=_VOLUME_1,
+        begin="(?:FILE +[0-9]+ OF )?UNCORRECTED ACCELEROGRAM DATA",
         component=_CHANNEL,
         numbers=((7, 16, 5), (7, 8, 10)),
         title=_TITLE,
@@ -105,11 +99,7 @@ LAYOUTS = (
         )
         for name, pairs in (("SLIST", None), ("TSPAIR", (2, 0)))
     ),
-    Layout(
-        name="GeoCSV",
-        signature="# ?dataset: GeoCSV",
-        component="# ?SID: .*?([A-Z]_[A-Z]_[A-Z0-9])$",
-    ),
+    Layout(name="GeoCSV", signature="# ?dataset: GeoCSV", component=r"# ?SID: .*?(\w_\w_\w)$"),
     Layout(
         name="AFAD",
         signature="STRONG GROUND MOTION RECORDS OF T",
@@ -125,7 +115,7 @@ LAYOUTS = (
     ),
     Layout(name="ESM", signature="EVENT_NAME:", component=r"STREAM: *(\S+)", behind="USER5:"),
     at2.LAYOUT,
-    Layout(name="columns", signature=""),
+    Layout(name="columns"),
 )
 
 
@@ -133,7 +123,7 @@ def channels_of(
     file: TextFile, dt: float | None, form: str | None, notes: list[str]
 ) -> list[Channel]:
     """The components of a file; ``dt`` and ``form``, what its rows are, are those of the user."""
-    if json_events.fits(file.lines):
+    if file.lines[0].text.lstrip()[:1] in ("{", "["):
         return json_events.read(file.lines)
     lines = spreadsheet.in_plain_form(file.lines)
     layout = next(layout for layout in LAYOUTS if layout.fits(lines))

@@ -143,5 +143,5 @@ def trimmed(text: str) -> str:
 
 
 def is_comment(text: str) -> bool:
-    """Whether a trimmed line is a comment."""
-    return text.startswith(("#", "%", "//"))
+    """Whether a trimmed line is a comment, and no error of a spreadsheet such as #N/A or #REF!."""
+    return text.startswith(("#", "%", "//")) and not re.match(r"#(?:N/A|[A-Z/0]+[!?])", text)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import re
-import reprlib
 
-from jaxpound._errors import InvalidInput
 from jaxpound.ground.formats.text import NUMBER, MisreadError, set_of
 from jaxpound.quantities import STANDARD_GRAVITY
 
@@ -70,22 +68,13 @@ def whole_unit(text: str, pattern: re.Pattern[str] = UNIT) -> str | None:
     return unit_and_end[0] if unit_and_end and not text[unit_and_end[1] :].strip(" .") else None
 
 
-def stated_unit(owner: str, units: str) -> str:
-    """The unit of accelerations that ``units`` names; an ``InvalidInput`` if it is none."""
-    unit = whole_unit(units) if isinstance(units, str) else None
-    if unit is None:
-        rule = f"must be one of {', '.join(UNITS)}"
-        raise InvalidInput(owner, "units", reprlib.repr(units), rule)
-    return unit
-
-
 def words_of(text: str) -> list[str]:
     """The words of a text, in lower case."""
     return [word.lower() for word in WORD.findall(text)]
 
 
 def looks_like_unit(text: str) -> bool:
-    """Whether a text looks like an unknown unit: g/10, % g, counts, mm/min2, yd/s2."""
+    """Whether a text looks like an unknown unit: g/100, % g, counts, mm/min2, yd/s2."""
     words = words_of(text)
     if not words or set(words) <= NO_UNITS:
         return "%" in text
@@ -124,7 +113,7 @@ def inside_of(bracket: re.Match[str]) -> str:
 
 
 def goes_on(text: str, at: int = 0) -> bool:
-    """Whether a known unit begins another one, as g begins g/10."""
+    """Whether a known unit begins another one, as g begins g/100."""
     match = UNIT.match(text, at)
     return bool(match and _GOES_ON.match(text, match.end()))
 
