@@ -31,6 +31,11 @@ def _check_digits(rows: list[ValueRow], ended: bool, notes: list[str]) -> None:
     may be damaged.
     """
     numbers = [number for row in rows for number in row.numbers]
+    first, behind = numbers[: (n := len(rows[0].numbers))], numbers[n:]
+    whole = not any("." in number for number in first) and any(map(float, first))
+    if whole and len(behind) > MANY and all("." in number for number in behind):
+        rule = "stands ahead of values with decimals: is it of a header, or a count?"
+        raise MisreadError(rows[0].line, f"a row of whole numbers {rule}")
     if len(numbers) <= FEW // 2:
         return
     digits = np.array([_digits(number.translate(_SHAPE)) for number in numbers])

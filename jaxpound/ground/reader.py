@@ -22,7 +22,7 @@ from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextFile,
 from jaxpound.ground.formats.units import UNITS, stated_among
 from jaxpound.ground.plausibility import MANY, missing_code, of_samples
 from jaxpound.ground.record import Record, derived, stated_unit
-from jaxpound.ground.stations import is_vertical, is_vertical_file
+from jaxpound.ground.stations import is_other, is_vertical, is_vertical_file
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 
 _ROUGH = 0.025  # most that a time step may differ from a printed one, as 1/204.8 s from .005 s
@@ -160,37 +160,43 @@ class _Source:
 
     def chosen(self, column: int | str | None, vertical: bool) -> Channel:
         """The component that is asked for, or the only one."""
-        channels = self.channels
-        names = (f"{i}: {' '.join(x.names)}" for i, x in enumerate(channels, 1))
-        words = (name.removesuffix(": ") for name in names)
-        listed = f"{len(channels)} columns or blocks ({', '.join(words)})"
+        channels, names = self._accelerations(), [" ".join(x.names) for x in self.channels]
+        words = (f"{i}: {name}".removesuffix(": ") for i, name in enumerate(names, 1))
+        listed = f"{len(names)} columns or blocks ({', '.join(words)})"
+        line = self.channels[0].rows[0].line
         if column is not None:
-            return self._at(column, listed)
+            asked = _plain(str(column))
+            matching = [x for x in self.channels if asked in map(_plain, x.names)]
+            if asked.isdigit() and not (matching and isinstance(column, str)):
+                matching = self.channels[int(asked) - 1 : int(asked)]
+            if len(matching) != 1 or not any(matching[0] is x for x in channels):
+                rule = f"must be a number from 1, or a name, of an acceleration among {listed}"
+                raise MisreadError(line, f"column = {column!r} {rule}")
+            return matching[0]
         if vertical and len(channels) > 1:
             channels = [channel for channel in channels if any(map(is_vertical, channel.names))]
         if len(channels) != 1:
             rule = "choose one by its number or name, as column=1"
-            raise MisreadError(self.channels[0].rows[0].line, f"{listed}: {rule}")
+            if not any(channel.names or channel.times for channel in channels):
+                rule += ', or rows="history" if each row continues the one above'
+            raise MisreadError(line, f"{listed}: {rule}")
         return channels[0] if vertical else self.horizontal()[0]
 
-    def _at(self, column: int | str, listed: str) -> Channel:
-        """The component of a number, from 1, or of a name."""
-        if isinstance(column, str):
-            matching = [x for x in self.channels if _plain(column) in map(_plain, x.names)]
-            if len(matching) == 1:
-                return matching[0]
-        number = str(column)
-        if number.isdigit() and 1 <= int(number) <= len(self.channels):
-            return self.channels[int(number) - 1]
-        rule = f"must be a number from 1, or a name, of {listed}"
-        raise MisreadError(self.channels[0].rows[0].line, f"column = {column!r} {rule}")
+    def _accelerations(self) -> list[Channel]:
+        """The components that are not said to be another quantity."""
+        channels = [x for x in self.channels if not any(map(is_other, x.names))]
+        if not channels:
+            names = ", ".join(name for channel in self.channels for name in channel.names)
+            raise OtherKindError(None, f"must be an acceleration history, but has {names}")
+        return channels
 
     def horizontal(self) -> list[Channel]:
         """The components that are not said to be vertical; an ``OtherKindError`` if none is."""
-        horizontal = [x for x in self.channels if not any(map(is_vertical, x.names))]
-        silent = not any(channel.names for channel in self.channels)
+        channels = self._accelerations()
+        horizontal = [x for x in channels if not any(map(is_vertical, x.names))]
+        silent = not any(channel.names for channel in channels)
         if not horizontal or (silent and is_vertical_file(self.path.name)):
-            says = "the file's name" if silent else " ".join(self.channels[0].names)
+            says = "the file's name" if silent else " ".join(channels[0].names)
             rule = "pass vertical=True if it is to shake buildings sideways"
             raise OtherKindError(None, f"is a vertical component ({says}): {rule}")
         return horizontal

@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Sequence
 
+from jaxpound.ground.formats.units import OTHER_QUANTITIES, words_of
+
 _UPWARDS = "up|dwn|down|vrt|vert?(?:ical)?|u-?d"
 _VERTICAL = re.compile(
     rf"(?:a(?:cc(?:el)?)?[ _]?)?(?:(?:{_UPWARDS})[0-9]?(?:[ ,(].*)?|[uvz][0-9]?)"
@@ -35,6 +37,11 @@ _COMPONENTS = tuple(
 def is_vertical(name: str) -> bool:
     """Whether the name of a component says that it is vertical."""
     return _VERTICAL.fullmatch(name.strip(" .'\"")) is not None
+
+
+def is_other(name: str) -> bool:
+    """Whether the name of a component says that it is no acceleration."""
+    return not OTHER_QUANTITIES.isdisjoint(words_of(name))
 
 
 def is_vertical_file(name: str) -> bool:

@@ -31,6 +31,7 @@ _NO_TIMES = _OF_SPECTRA | set_of(
 _COMPONENTS = (
     units.NO_UNITS
     | units.TIMES
+    | units.OTHER_QUANTITIES
     | set_of("v u d acc accel acceleration hor ver comp ch chan channel canal long lat tran trans")
 )
 _SIDE_BY_SIDE = {2, 3, 4, 6}  # numbers a row that are components: real histories have 5, 8 or 10
@@ -102,7 +103,6 @@ def _timed(block: Block, first: int, names: list[tuple[str, ...]]) -> list[Chann
     times = printed.even_interval([ValueRow(x.line, x.numbers[first:][:1]) for x in block.rows])
     size = units.SECONDS[units.stated_among(block.stated.units, units.SECONDS) or "s"]
     times = times._replace(value=float(f"{times.value * size:.12g}"), slack=times.slack * size)
-    names = [] if width == first + 2 else names  # those of a history name no components
     return [_column(block, k, names, times) for k in range(first + 1, width)]
 
 
@@ -175,7 +175,7 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
     rows, stated = block.rows, block.stated
     if len(rows) <= FEW or [len(row.numbers) for row in rows[1:3]] != [1, 1]:
         return block
-    (line, first), text = rows[0], "the first line"
+    (line, first), text = rows[0], f"the first line, {rows[0].numbers[0]},"
     count = step = None
     if len(first) == 2:
         (count, step), rows = first, rows[1:]
@@ -248,11 +248,11 @@ def _names(own: tuple[str, ...], block: Block, width: int) -> list[tuple[str, ..
         return [(name,) for name in ("time",) * (width - len(own)) + own]
     lines: list[list[str]] = []
     for _, raw, cells in _names_in(block.header):
-        words = [set(units.words_of(cell)) for cell in cells]
+        bare = [re.sub(r"(?<=\S) ?[(\[].*", "", cell) for cell in cells]
+        words = [set(units.words_of(cell)) for cell in bare]
         separated = any(mark in block.first and mark in raw for mark in ",;\t")
         are_names = len(cells) == width and all(words[1:])
         if are_names and (separated or all(x <= _COMPONENTS for x in words)):
-            bare = (re.sub(r"(?<=\S) ?[(\[].*", "", cell) for cell in cells)
             lines.append([cell if units.WORD.search(cell) else "" for cell in bare])
     return [tuple(filter(None, names)) for names in list[tuple[str, ...]](zip(*lines, strict=True))]
 

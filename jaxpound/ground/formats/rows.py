@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from jaxpound.ground.formats.header import require_acceleration, stated_units
 from jaxpound.ground.formats.statements import Stated, Statement, state_numbers
-from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, is_comment, shown, trimmed
+from jaxpound.ground.formats.text import (
+    EXCEL_ERROR,
+    NUMBER,
+    MisreadError,
+    TextLine,
+    is_comment,
+    shown,
+    trimmed,
+)
 
 _LONGEST_HEADER = 10_000  # lines, and characters in a line
 FEW, MANY = 10, 100  # values that suggest a pattern, and that exclude coincidence
@@ -65,16 +73,23 @@ def stated_in(header: Sequence[TextLine], unit: str = "") -> Stated:
 def _first_row(lines: Sequence[TextLine], begin: int) -> int:
     for index in range(begin, len(lines)):
         text = trimmed(lines[index].text)
-        if not (is_comment(text) or _is_header_text(text)):
+        if not (is_comment(text) or _is_header_text(text) or _states_numbers(lines[index])):
             return index
     return len(lines)
 
 
+def _states_numbers(line: TextLine) -> bool:
+    """Whether a line such as "800 points" states a number of samples or an interval."""
+    state_numbers([line], stated := Stated())
+    return bool(stated.counts or stated.intervals)
+
+
 def _is_header_text(text: str) -> bool:
     """Whether a line is mostly words; the reader of rows reports a single bad token."""
-    tokens = _tokens_of(text)[:MANY]
+    tokens = [] if EXCEL_ERROR.match(text) else _tokens_of(text)[:MANY]
     numeric = [bool(_numbers(token) or _NOT_FINITE.fullmatch(token)) for token in tokens]
-    return (tokens[0][:1].isalpha() and not numeric[0]) or 2 * sum(numeric) < len(tokens)
+    words_first = bool(tokens) and tokens[0][:1].isalpha() and not numeric[0]
+    return words_first or 2 * sum(numeric) < len(tokens)
 
 
 def parse_rows(lines: Sequence[TextLine], notes: list[str]) -> list[ValueRow]:

@@ -52,6 +52,7 @@ def set_of(words: str) -> frozenset[str]:
     return frozenset(words.split())
 
 
+EXCEL_ERROR = re.compile(r"#(?:N/A|[A-Z/0]+[!?])")
 _SAME_SIGN = str.maketrans({"−": "-", "∕": "/", "⁄": "/", "·": ".", "⋅": ".", "’": "'"})
 
 
@@ -144,4 +145,4 @@ def trimmed(text: str) -> str:
 
 def is_comment(text: str) -> bool:
     """Whether a trimmed line is a comment, and no error of a spreadsheet such as #N/A or #REF!."""
-    return text.startswith(("#", "%", "//")) and not re.match(r"#(?:N/A|[A-Z/0]+[!?])", text)
+    return text.startswith(("#", "%", "//")) and not EXCEL_ERROR.match(text)
