@@ -184,7 +184,8 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
         right = first[0] in (f"{len(behind)}", f"{len(behind) - 1}")
         if right or (first[0].isdigit() and all("." in number for number in behind[1:])):
             count, rows = first[0], rows[1:]
-        if _is_step(rows):
+        sure = float(rows[0].numbers[0]) == dt or count == f"{len(rows) - 1}"
+        if _is_step(rows, sure):
             (line, (step,)), rows = rows[0], rows[1:]
     if count is not None:
         if not (float(count).is_integer() and float(count) > 1):
@@ -199,12 +200,12 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
     return block._replace(rows=rows)
 
 
-def _is_step(rows: list[ValueRow]) -> bool:
-    """Whether the first of some values is like a time step, and stands apart from the others."""
+def _is_step(rows: list[ValueRow], sure: bool) -> bool:
+    """Whether the first of some values is like a time step and, unless ``sure``, stands apart."""
     value, *early = (float(row.numbers[0]) for row in rows[: 2 * FEW])
     if not 0 < value <= 0.1 or abs(1 / value - round(1 / value)) > 1e-6 / value:
         return False
-    return bool(abs(value - early[0]) > 20 * np.abs(np.diff(early)).max())
+    return sure or bool(abs(value - early[0]) > 20 * np.abs(np.diff(early)).max())
 
 
 def _names_in(header: Sequence[TextLine]) -> list[tuple[int, str, list[str]]]:
