@@ -62,7 +62,7 @@ def read_record(
 
     Warns (``PlausibilityWarning``) if data follow a comment inside the block of data, or a mark of
     its end; if rows of values look like columns side by side; if a value has other digits than
-    nearly all others (of at least a thousand); if the time step is half a second or more; if the
+    nearly all others (of at least a hundred); if the time step is half a second or more; if the
     last line has no line end and its value is the largest; if all of at least a hundred samples are
     0; and as ``Record`` warns.
 

@@ -24,6 +24,8 @@ def read(layout: Layout, lines: Sequence[TextLine]) -> list[Channel]:
     for number, text in lines[: starts[0]]:
         if _OTHER_VALUES.search(text):
             raise OtherKindError(number, f"{shown(text.strip())}: must be accelerations")
+        if _NUMBERS_ONLY.fullmatch(text):
+            raise MisreadError(number, f"{shown(text.strip())}: numbers must follow a header")
     ends = [*starts[1:], len(lines)]
     return [_channel(layout, lines[i:end]) for i, end in zip(starts, ends, strict=True)]
 

@@ -210,6 +210,8 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
     if len(rows) > FEW and widths[:2] == [2, 1]:
         (line, (count, step)), rows = rows[0], rows[1:]
         _state_first(stated, line, count)
+        if not float(step) > 0:
+            raise MisreadError(line, f"{step} must be the time step, in s, and positive")
         stated.intervals.append(interval(line, "the first line", step))
     elif len(rows) > FEW and widths == [1, 1, 1]:
         first, behind = rows[0].numbers[0], [row.numbers[0] for row in rows[1:]]

@@ -16,7 +16,8 @@ from jaxpound.ground.formats.text import TextLine
 
 _FIRST_LINES = 25  # of these one has the signature of a format
 _VERTICAL = re.compile(
-    r"(?:up|dwn|down|vrt|vert?(?:ical)?\.?|[uv]-?d|u|v|z|d|[a-z]{2}z|vertical .*|up[ ,(].*)(?:[0-9])?",
+    r"(?:up|dwn|down|vrt|vert?(?:ical)?\.?|[uv]-?d)[0-9]?(?:[ ,(].*)?"
+    r"|[uz][0-9]?(?: ?\(.*)?|(?:[vd]|[a-z]_?[a-z]_?z)[0-9]?",
     re.I,
 )
 _VERTICAL_FILE = re.compile(r".*(?:UP|DWN|VRT|VERT?|[-_.](?:[UVZ]|UD[12]?)|[BEHLS][HNLG]Z)", re.S)

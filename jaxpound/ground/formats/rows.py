@@ -151,7 +151,7 @@ def row_of(line: TextLine, form: tuple[int, int] | None, n: int | None) -> Value
     text = text[1:] if len(text) % width == 1 and text[0] == " " else text
     cells = [text[at : at + width] for at in range(0, len(text), width)]
     numbers = [cell.strip() for cell in cells]
-    right = all(
+    right = len(text) % width == 0 and all(
         cell[-1] != " " and _is_number(number) for cell, number in zip(cells, numbers, strict=True)
     )
     surplus = numbers[n:] if right and n is not None else []
@@ -262,7 +262,8 @@ def _check_digits(rows: list[ValueRow], ended: bool, notes: list[str]) -> None:
         raise MisreadError(rows[-1].line, message)
     codes = digits @ np.array([10**6, 10**3, 1])  # three numbers, of at most 100 each, as one
     forms, form, times = np.unique(codes, return_inverse=True, return_counts=True)
-    if len(forms) > 1 and len(numbers) - times.max() <= len(numbers) // (10 * _MANY):
+    odd = len(numbers) - times.max()
+    if len(numbers) >= _MANY and 0 < odd <= max(1, len(numbers) // (10 * _MANY)):
         index = int(np.argmax(form != np.argmax(times)))
         place = f"{numbers[index]} in line {line_of(rows, index)}"
         notes.append(f"{place} is printed with other digits than nearly all values: is it damaged?")

@@ -50,7 +50,8 @@ def _without_quotes(lines: list[TextLine], delimiter: str | None) -> list[TextLi
             continue
         cells = next(csv.reader([line.text.strip()], delimiter=delimiter))
         cells = [x.replace(",", "") if _THOUSANDS.fullmatch(x.strip()) else x for x in cells]
-        plain.append(TextLine(line.number, ("\t" if delimiter != "," else ",").join(cells)))
+        comma = delimiter == "," and not any("," in cell for cell in cells)
+        plain.append(TextLine(line.number, ("," if comma else "\t").join(cells)))
     return plain
 
 
