@@ -27,7 +27,9 @@ def data_lines(network: Network, printed: list[list[str]]) -> list[int]:
     return [k for k, (a, b) in enumerate(pairs) if a != b and not a.startswith("Max. Acc.")]
 
 
-def mutations(network: Network, printed: list[list[str]], seed: int, times: int) -> Iterator[Mutation]:
+def mutations(
+    network: Network, printed: list[list[str]], seed: int, times: int
+) -> Iterator[Mutation]:
     """Files with one damage each, ``times`` of every kind."""
     rng = np.random.default_rng(seed)
     text = network.text(printed)

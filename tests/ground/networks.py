@@ -1,9 +1,10 @@
 """Files in the layouts of the networks, of made-up stations: each is written from printed numbers.
 
-The layouts are those of public descriptions and files: GeoNet's "Strong Motion Data Formats"; Shakal
-& Huang, OSMS 85-03 (V1, V2); "COSMOS strong motion data format" 1.20; the USGS's SMC; "DYNA 1.2" of
-ESM and ITACA; AFAD's TR-NSMN; "Archivo Estandar de Aceleracion" 2.0 of UNAM; CWB's free-field text;
-NIED's K-NET and KiK-net; the ASCII and GeoCSV of the FDSN's time-series service; eqsig; SimCenter.
+The layouts are those of public descriptions and files: GeoNet's "Strong Motion Data Formats";
+Shakal & Huang, OSMS 85-03 (V1, V2); "COSMOS strong motion data format" 1.20; the USGS's SMC; "DYNA
+1.2" of ESM and ITACA; AFAD's TR-NSMN; "Archivo Estandar de Aceleracion" 2.0 of UNAM; CWB's
+free-field text; NIED's K-NET and KiK-net; ASCII and GeoCSV of the FDSN's time-series service;
+eqsig; SimCenter.
 """
 
 import json
@@ -119,7 +120,7 @@ def csmip_v1(components, dt, names, *, pairs=False, rate=True):
             *("EXAMPLE EARTHQUAKE", "JANUARY 1, 2030 08:05 PDT               (ORIGIN: 01/01/30)"),
             "00001-E0001-30001.06               TRIGGER TIME: 01/01/30, 15:05:37.4 UTC",
             "STATION NO. 00001   34.405N, 117.311W     SSA-1  S/N 0001",
-            *("EXAMPLE - 4TH & OAK", f"CHAN  {k}: {_degrees(name).upper()}", "UNIVERSIDAD DE EJEMPLO - EXAMPLE"),
+            *("EXAMPLE - 4TH & OAK", f"CHAN  {k}: {_degrees(name).upper()}", "EJEMPLO - EXAMPLE"),
             "HYPOCENTER: 34.201N,116.826W, H=7KM.     MS=6.6, MW=6.4",
             "INSTR PERIOD =  .0186 SEC,  DAMPING =  .660,  SENSITIVITY = 1.26  V/G.",
             f"NO. OF POINTS = {n:6d}  RECORD LENGTH = {n * dt:.3f} SEC"
@@ -156,7 +157,7 @@ def cosmos(components, dt, names, *, form="8F10.5", kind="Corrected", in_ms=Fals
             "Coords: 34.0460 -117.0350  Site Geology:  geology description here",
             "Recorder: SSA-2  s/n 1000 ( 1 Chns of 12  at Sta) Sensor:FBA-11  s/n 1000",
             "Rcrd start time:01/01/2030, 00:00:04.400 UTC (Q=2) RcrdId: 00001",
-            f"Sta Cha: {k}: {_degrees(name).lower()} (Rcrdr Chan  1) Location: building location description",
+            f"Sta Cha: {k}: {_degrees(name).lower()} (Rcrdr Chan  1) Location: roof",
             f"Raw record length = {n * dt:.3f}  sec, Uncor max =   -.200 g  at    6.000 sec",
             "Processed: 01/02/2030, 12:01:00 PDT      Max =   -195.700 cm/sec2  at   6.000 sec",
             "Record filtered below 0.30  Hz (periods over  14.5 secs), and above 40.0 Hz",
@@ -262,7 +263,7 @@ def unam(components, dt, names):
 def cwb(components, dt, names):
     n = len(components[0])
     header = lines(
-        *("#Earthquake Information", "#Origin Time(GMT+08): 2030/01/01-00:00:42", "#Depth(km): 10.0"),
+        *("#Earthquake Information", "#Origin Time(GMT+08): 2030/01/01-00:00:42", "#Depth(km): 10"),
         *("", "#Station Information", "#StationCode: EXA", "#InstrumentKind: FBA"),
         *(f"#RecordLength(sec): {n * dt:g}", f"#SampleRate(Hz): {1 / dt:g}"),
         *("#AmplitudeUnit:  gal. DCoffset(corr)", "#AmplitudeMAX. U:    0.658~   -0.837"),
@@ -279,8 +280,8 @@ def knet(components, dt, names):
 
 
 def stamps(n, dt):
-    micro = np.arange(n) * round(1e6 * dt)
-    return [str(x) for x in np.datetime64("2030-01-01T00:00:00", "us") + micro.astype("m8[us]")]
+    micro = np.datetime64("2030-01-01T00:00:00", "us") + np.arange(n) * round(1e6 * dt)
+    return np.datetime_as_string(micro, "us").tolist()
 
 
 def fdsn(components, dt, names, *, form="SLIST", unit="M/S**2"):
@@ -288,22 +289,17 @@ def fdsn(components, dt, names, *, form="SLIST", unit="M/S**2"):
     for numbers, name in zip(components, names, strict=False):
         n = len(numbers)
         text += f"TIMESERIES XX_EXA_00_{name}_M, {n} samples, {1 / dt:g} sps, {stamps(1, dt)[0]}"
-        text += f".000000, {form}, FLOAT, {unit}\n"
+        text += f", {form}, FLOAT, {unit}\n"
         if form == "SLIST":
             text += rows_of([f"{number}\t" for number in numbers], 6)
         else:
-            text += across([[stamp.ljust(26, "0") for stamp in _whole(stamps(n, dt))], numbers], "  ")
+            text += across([stamps(n, dt), numbers], "  ")
     return text
-
-
-def _whole(times):
-    """Times with their six decimals."""
-    return [time if "." in time else f"{time}.000000" for time in times]
 
 
 def geocsv(components, dt, names):
     n = len(components[0])
-    rows = zip(_whole(stamps(n, dt)), components[0], strict=True)
+    rows = zip(stamps(n, dt), components[0], strict=True)
     return lines(
         *("# dataset: GeoCSV 2.0", "# delimiter: ,", f"# SID: XX_EXA_00_{names[0]}"),
         *(f"# sample_count: {n}", f"# sample_rate_hz: {1 / dt:g}", "# field_unit: UTC, M/S**2"),
@@ -356,11 +352,10 @@ class Network:
     counts: bool = False  # whole numbers with an offset
 
     def printed(self, n: int = N) -> list[list[str]]:
-        offset = 7000 if self.counts else 0
-        return [
-            [self.form((round if self.counts else float)(x / self.unit + offset)) for x in motion(k, n)]
-            for k in range(len(self.names))
-        ]
+        motions = [motion(k, n) / self.unit for k in range(len(self.names))]
+        if self.counts:
+            motions = [np.round(samples + 7000).astype(int) for samples in motions]
+        return [list(map(self.form, samples.tolist())) for samples in motions]
 
     def samples(self, numbers: Printed) -> np.ndarray:
         """What reading printed numbers must give, in g."""

@@ -11,7 +11,15 @@ import re
 from collections.abc import Iterator, Sequence
 
 from jaxpound.ground.formats import units
-from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, plain, set_of, shown
+from jaxpound.ground.formats.text import (
+    NUMBER,
+    MisreadError,
+    OtherKindError,
+    TextLine,
+    plain,
+    set_of,
+    shown,
+)
 
 _ACCELERATION = re.compile(
     r"(?<![^\W_])(?:(?:acc(?:el(?!ero)[^\W\d_]*+|n|s)?|acel(?!ero)[^\W\d_]*+)(?![^\W_])\.?"
@@ -130,7 +138,7 @@ def _after_units(number: int, text: str, match: re.Match[str]) -> Iterator[str]:
         yield from _unit_itself(number, ahead[1])
         return
     is_building = match[0][-1:] not in "sS" and sentence[:1].isdigit()  # as in "unit 3"
-    if (has_connector and not is_building) or units.looks_like_unit(sentence):
+    if (has_connector and sentence.strip() and not is_building) or units.looks_like_unit(sentence):
         raise _unknown(number, sentence)
 
 
@@ -202,9 +210,9 @@ _NOT_OTHER = re.compile(r"\b(?:acc|peak|max)", re.I)
 
 
 def require_acceleration(header: Sequence[TextLine]) -> None:
-    """A ``MisreadError`` for the header of a history of velocity, displacement or energy."""
+    """An ``OtherKindError`` for the header of a history of velocity, displacement or energy."""
     for number, raw in header:
         text = plain(raw)
         if not _NOT_OTHER.search(text) and (other := _OTHER_HISTORY.search(text)):
             quantity = f"the header says {(other[1] or other[2]).lower()}"
-            raise MisreadError(number, f"must be an acceleration history, but {quantity}")
+            raise OtherKindError(number, f"must be an acceleration history, but {quantity}")

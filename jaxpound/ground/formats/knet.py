@@ -54,11 +54,11 @@ def read(lines: Sequence[TextLine], notes: list[str]) -> Channel:
     printed.require_count(stated, len(counts))
     texts = {line.number: line.text for line in lines}
     ends = [[match.end() for match in re.finditer(r"\S++", texts[row.line])] for row in rows]
-    last = len(ends[-1]) - 1
-    column = {row[last] for row in ends[:-1] if len(row) > last}
-    if len(column) == 1 and len(ends) > 2 and ends[-1][last] not in column:
-        message = f"{rows[-1].numbers[-1]} must end below the counts ahead of it: the file is cut"
-        raise MisreadError(rows[-1].line, message)
+    usual = max(ends[:1000], key=ends[:1000].count)
+    odd = [row for row, at in zip(rows, ends, strict=True) if at != usual[: len(at)]]
+    if len(rows) > 2 and 0 < len(odd) <= max(1, len(rows) // 100):
+        rule = "must end below those of other rows: digits are lost, or the file is cut"
+        raise MisreadError(odd[0].line, f"the counts {shown(texts[odd[0].line].strip())} {rule}")
     samples = (counts - counts.mean()) * (gal / per_counts)
     largest = float(np.abs(samples).max())
     if abs(largest - peak) > float(printed.print_rounding([peak_text])[0]) + gal / per_counts:

@@ -11,8 +11,10 @@ _OBSPY = (
     'record = jp.Record(trace.data, trace.stats.delta, units="m/s2") if its data are in m/s²'
 )
 _RECORD = "record = jp.Record(samples, dt, units=...) takes its samples, which {} reads"
+_NO_RECORD = "read the file of the accelerations"
 _UNPACK = "unpack it and read a file that it holds"
 _BY_BEGINNING = (
+    (rb"[3-6] +(?:veloc|displ|resp|four)", "an SMC file of another quantity", _NO_RECORD),
     (rb"\x89HDF\r\n", "an HDF5 file", _RECORD.format("h5py (of ASDF: pyasdf)")),
     (rb"[0-9 ]{6}[DRQM][ \0]|MS\x03", "a miniSEED file", _OBSPY),
     (rb"[0-9]{6}V ", "a SEED volume", _OBSPY),
@@ -24,7 +26,7 @@ _BY_BEGINNING = (
     (rb"\xd0\xcf\x11\xe0", "an Excel workbook", "save its sheet as CSV"),
     (rb"%PDF-|\x89PNG|\xff\xd8\xff", "a picture or a PDF", "a record is a file of numbers"),
     (rb"\s*<(?:!doctype|html)", "a web page", "download the file that it links to"),
-    (rb"\s*<\?xml", "an XML file", "read the file of the accelerations"),
+    (rb"\s*<\?xml", "an XML file", _NO_RECORD),
 )
 _SAC_VERSION = slice(304, 308)  # word 76 of a header of 632 bytes
 _SAC_UNDEFINED = re.compile(rb"(?:\s+-?12345(?:\.0*)?(?=\s)|\s+\S+){5}\s*\n")

@@ -261,7 +261,7 @@ def _check_digits(rows: list[ValueRow], ended: bool, notes: list[str]) -> None:
         message = f"{numbers[-1]} must have the digits of the values ahead of it: the file is cut"
         raise MisreadError(rows[-1].line, message)
     codes = digits @ np.array([10**6, 10**3, 1])  # three numbers, of at most 100 each, as one
-    forms, form, times = np.unique(codes, return_inverse=True, return_counts=True)
+    _, form, times = np.unique(codes, return_inverse=True, return_counts=True)
     odd = len(numbers) - times.max()
     if len(numbers) >= _MANY and 0 < odd <= max(1, len(numbers) // (10 * _MANY)):
         index = int(np.argmax(form != np.argmax(times)))

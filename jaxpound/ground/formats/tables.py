@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from jaxpound.ground.formats.layout import Layout
 from jaxpound.ground.formats.statements import Stated, Statement
-from jaxpound.ground.formats.text import NUMBER, TextLine
+from jaxpound.ground.formats.text import NUMBER, OtherKindError, TextLine, shown
 
 _LENGTH = re.compile(rf"#?RecordLength\(sec\): *({NUMBER})", re.I)
 
@@ -18,6 +18,13 @@ def _state_length(header: Sequence[TextLine], stated: Stated) -> None:
         if (length := _LENGTH.match(text)) and stated.intervals:
             count = round(float(length[1]) / stated.intervals[0].value)
             stated.counts.append(Statement(number, text.strip(), count, 1.0))
+
+
+def _state_unit(header: Sequence[TextLine], stated: Stated) -> None:
+    """Refuse a unit, in the last cell, that is none of accelerations."""
+    unit = header[0].text.split(",")[-1].strip()
+    if unit not in ("", "FLOAT", "INTEGER") and not stated.units:
+        raise OtherKindError(header[0].number, f"{shown(unit)} must be a unit of accelerations")
 
 
 AFAD = Layout(
@@ -47,12 +54,14 @@ SLIST = Layout(
     name="SLIST",
     signature=r"TIMESERIES .*\bSLIST\b",
     begin="TIMESERIES ",
+    state=_state_unit,
     component=r"TIMESERIES (?:\w*_)?([A-Z]\w[A-Z0-9])_\w,",
 )
 TSPAIR = Layout(
     name="TSPAIR",
     signature=r"TIMESERIES .*\bTSPAIR\b",
     begin="TIMESERIES ",
+    state=_state_unit,
     component=r"TIMESERIES (?:\w*_)?([A-Z]\w[A-Z0-9])_\w,",
     pairs=(2, 0),
 )
