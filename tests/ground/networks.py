@@ -363,7 +363,7 @@ class Network:
         return (values - values.mean() * self.counts) * self.unit
 
     def text(self, printed: Sequence[Printed], dt: float = DT, **options: object) -> str:
-        return self.write(printed, dt, self.names, **options)
+        return self.write(printed, dt, self.names[: len(printed)], **options)
 
 
 def _with(writer, **options):
@@ -382,10 +382,10 @@ NETWORKS = {
     "RENADIC": Network(
         _with(csmip_v1, pairs=True, rate=False), "{:7.3f}".format, 0.1, ("L", "T", "V"), ".v1", True
     ),
-    "COSMOS V2c": Network(cosmos, F10_5, GAL, ("340", "70", "Up"), ".V2c", fixed=True),
+    "COSMOS V2c": Network(cosmos, F10_5, GAL, ("340", "70", "up"), ".V2c", fixed=True),
     "COSMOS V1c": Network(
         _with(cosmos, form="1E15.6", kind="Uncorrected", in_ms=True),
-        *(E15_6, GAL, ("340", "70", "Up"), ".V1c", True),
+        *(E15_6, GAL, ("340", "70", "up"), ".V1c", True),
     ),
     "SMC": Network(smc, of_smc, GAL, ("360",), ".smc", fixed=True),
     "ESM": Network(esm, "{:.6f}".format, GAL, ("HNE",), ".ASC"),

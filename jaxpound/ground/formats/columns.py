@@ -215,11 +215,13 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
         stated.intervals.append(interval(line, "the first line", step))
     elif len(rows) > FEW and widths == [1, 1, 1]:
         first, behind = rows[0].numbers[0], [row.numbers[0] for row in rows[1:]]
+        n_stated = int(first) if first.isdigit() else 0
         if counted := _is_count(first, behind):
             _state_first(stated, rows[0].line, first)
             rows, behind = rows[1:], behind[1:]
             first = rows[0].numbers[0]
-        if _is_step(first, behind):
+        sure = float(first) == dt or (counted and n_stated == len(behind))
+        if _is_step(first, behind, sure=sure):
             line = rows[0].line
             if dt is None and not counted:
                 rule = f"pass dt={float(first):g} if it is one, in s"
@@ -244,12 +246,12 @@ def _state_first(stated: Stated, line: int, count: str) -> None:
     stated.counts.append(Statement(line, "the first line", float(count), 0.0))
 
 
-def _is_step(first: str, behind: list[str]) -> bool:
-    """Whether the first of some values is like a time step, and stands apart from the others."""
+def _is_step(first: str, behind: list[str], *, sure: bool) -> bool:
+    """Whether the first of some values is like a time step and, unless ``sure``, stands apart."""
     value, early = float(first), np.array([float(number) for number in behind[: 2 * FEW]])
     if not 0 < value <= 0.1 or abs(1 / value - round(1 / value)) > 1e-6 / value:
         return False
-    return bool(abs(value - early[0]) > 20 * np.abs(np.diff(early)).max())
+    return sure or bool(abs(value - early[0]) > 20 * np.abs(np.diff(early)).max())
 
 
 def _names_in(header: Sequence[TextLine]) -> list[tuple[int, str, list[str]]]:

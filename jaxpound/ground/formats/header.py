@@ -50,7 +50,8 @@ _SCALE = re.compile(
 )
 _NOT_OF_DATA = set_of(  # a bracketed unit behind them is that of a range, a level or a filter
     "scale escala esc range rango fondo trigger threshold umbral disparo level soglia filter "
-    "filtro corner cutoff resolution noise gain"
+    "filtro corner cutoff resolution noise gain bereich messbereich schwelle plage seuil échelle "
+    "aralık eşik"
 )
 _SENSORS = set_of("sensor sensors sensores sensore")  # unless data are spoken of
 _INSTRUMENTS = set_of("recorder recording instrument sensor housing power plant")
