@@ -348,7 +348,7 @@ class Network:
     unit: float
     names: tuple[str, ...]
     extension: str
-    fixed: bool = False  # whether numbers have a width that the header or the format states
+    fixed: bool = False  # whether the reader knows the width of numbers
     counts: bool = False  # whole numbers with an offset
 
     def printed(self, n: int = N) -> list[list[str]]:
@@ -390,8 +390,8 @@ NETWORKS = {
     "SMC": Network(smc, of_smc, GAL, ("360",), ".smc", fixed=True),
     "ESM": Network(esm, "{:.6f}".format, GAL, ("HNE",), ".ASC"),
     "AFAD": Network(afad, "{:13.6f}".format, GAL, ("N-S", "E-W", "U-D"), ".txt"),
-    "UNAM": Network(unam, "{:10.4f}".format, GAL, ("N00E", "N90E", "V"), ".011", fixed=True),
-    "CWB": Network(cwb, "{:10.3f}".format, GAL, ("N", "E", "U"), ".dat", fixed=True),
+    "UNAM": Network(unam, "{:10.4f}".format, GAL, ("N00E", "N90E", "V"), ".011"),
+    "CWB": Network(cwb, "{:10.3f}".format, GAL, ("N", "E", "U"), ".dat"),
     "K-NET": Network(knet, "{:d}".format, PER_COUNT, ("E-W",), ".EW", counts=True),
     "KiK-net": Network(knet, "{:d}".format, PER_COUNT, ("E-W surface",), ".EW2", counts=True),
     "SLIST": Network(fdsn, E14_7, MS2, ("HNE", "HNN", "HNZ"), ".txt"),
