@@ -166,9 +166,11 @@ class _Source:
         line = self.channels[0].rows[0].line
         if column is not None:
             asked = _plain(str(column))
-            matching = [x for x in self.channels if asked in map(_plain, x.names)]
-            if asked.isdigit() and not (matching and isinstance(column, str)):
-                matching = self.channels[int(asked) - 1 : int(asked)]
+            spelled = [[_plain(y) for y in (*x.names, "".join(x.names))] for x in self.channels]
+            matching = [x for x, y in zip(self.channels, spelled, strict=True) if asked in y]
+            number = int(column) if f"{column}".isdigit() else 0
+            if number and not (matching and isinstance(column, str)):
+                matching = self.channels[number - 1 : number]
             if len(matching) != 1 or not any(matching[0] is x for x in channels):
                 rule = f"must be a number from 1, or a name, of an acceleration among {listed}"
                 raise MisreadError(line, f"column = {column!r} {rule}")

@@ -327,11 +327,10 @@ def simcenter(components, dt, names):
 
 def event(components, dt, names):
     series = [
-        {"name": f"accel_{name}", "type": "Value", "dT": dt, "data": [k]}
-        for k, name in enumerate(names)
+        {"name": name, "type": "Value", "dT": dt, "data": [k]} for k, name in enumerate(names)
     ]
     pattern = [
-        {"type": "UniformAcceleration", "timeSeries": f"accel_{name}", "dof": 1 + "xyz".index(name)}
+        {"type": "UniformAcceleration", "timeSeries": name, "dof": 1 + "xyz".index(name[-1])}
         for name in names
     ]
     inside = {"name": "EXA1", "type": "Seismic", "dT": dt, "numSteps": len(components[0])}
@@ -399,7 +398,7 @@ NETWORKS = {
     "GeoCSV": Network(geocsv, E14_7, MS2, ("H_N_E",), ".csv"),
     "eqsig": Network(eqsig, "{:.6f}".format, 1.0, ("",), ".txt"),
     "SimCenter": Network(simcenter, "{:.8f}".format, 1.0, ("x", "y", "z"), ".json"),
-    "SimCenter event": Network(event, "{:.8f}".format, 1.0, ("x", "y"), ".json"),
+    "SimCenter event": Network(event, "{:.8f}".format, 1.0, ("accel_x", "accel_y"), ".json"),
 }
 
 

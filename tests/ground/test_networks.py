@@ -70,7 +70,8 @@ def test_without_a_column_a_file_of_several_is_refused_with_their_names(write, n
     line = 1 if "Sim" in name else 1 + data_lines(network, network.printed())[0]
     assert_refuses(path, line, rf"{listed}: choose one by its number or name, as column=1$")
     for column in (n + 1, 0, -1, "N99E", True):
-        says = rf"column = {column!r} must be a number from 1, or a name, of {listed}$"
+        rule = "must be a number from 1, or a name, of an acceleration among"
+        says = rf"column = {column!r} {rule} {listed}$"
         assert_refuses(path, line, says, column=column)
 
 
@@ -159,13 +160,13 @@ OTHER_KINDS = {
     "ESM displacement": (text_of("ESM", data_type="DISPLACEMENT", unit="cm"), "displacement"),
     "V2 without acceleration": (
         without(text_of("CSMIP V2", 1), "   123 points of accel", "   123 points of veloc"),
-        "must be accelerations first",
+        "must be accelerations",
     ),
     "V3": (
         "Response and Fourier amplitude spectra (86 periods)\n" + text_of("CSMIP V2", 1),
         "must be accelerations",
     ),
-    "COSMOS velocity": (COSMOS_VELOCITY, "must be accelerations first"),
+    "COSMOS velocity": (COSMOS_VELOCITY, "must be accelerations"),
     "SMC velocity": (text_of("SMC", kind="3 VELOCITY"), "SMC file of another quantity"),
     "SMC spectra": (text_of("SMC", kind="5 RESPONSE SPECTRA"), "SMC file of another quantity"),
     "SLIST velocity": (text_of("SLIST", 1, unit="M/S"), "'M/S' must be a unit of acc"),
@@ -211,8 +212,8 @@ test_counts_and_intervals_that_disagree_are_refused = refusals(
     _changed("SLIST", "123 samples", "124 samples", TRUNCATED),
     _changed("TSPAIR", "123 samples", "124 samples", TRUNCATED),
     _changed("eqsig", "123 0.0200", "122 0.0200", SURPLUS),
-    _changed("eqsig", "123 0.0200", "123 0", "0 must be the time step"),
-    _changed("eqsig", "123 0.0200", "123 -0.02", "-0.02 must be the time step"),
+    _changed("eqsig", "123 0.0200", "123 0", "the time step 0 must be positive"),
+    _changed("eqsig", "123 0.0200", "123 -0.02", "the time step -0.02 must be positive"),
     _changed("SimCenter", '"numPoints": 123', '"numPoints": 124', TRUNCATED),
     _changed("SimCenter event", '"numSteps": 123', '"numSteps": 122', SURPLUS),
     _changed("CSMIP V2", "intervals of   0.020", "intervals of   0.010", AGREE),
@@ -260,7 +261,7 @@ def test_only_zeros_may_fill_the_last_row(write, name):
 def test_numbers_ahead_of_the_first_header_are_refused(write):
     text = text_of("SLIST", 2)
     without_first = text[text.index("\n") + 1 :]
-    assert_refuses(write(without_first), 1, "numbers must follow a header", column=1)
+    assert_refuses(write(without_first), 1, "must be behind a header", column=1)
 
 
 # A number without its sign, or without digits ahead of its decimal point, is a number still.

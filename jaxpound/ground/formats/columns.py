@@ -175,7 +175,8 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
     rows, stated = block.rows, block.stated
     if len(rows) <= FEW or [len(row.numbers) for row in rows[1:3]] != [1, 1]:
         return block
-    (line, first), text = rows[0], f"the first line, {rows[0].numbers[0]},"
+    line, first = rows[0]
+    step_line, text = line, f"the first line, {first[0]},"
     count = step = None
     if len(first) == 2:
         (count, step), rows = first, rows[1:]
@@ -186,7 +187,7 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
             count, rows = first[0], rows[1:]
         sure = float(rows[0].numbers[0]) == dt or count == f"{len(rows) - 1}"
         if _is_step(rows, sure):
-            (line, (step,)), rows = rows[0], rows[1:]
+            (step_line, (step,)), rows = rows[0], rows[1:]
     if count is not None:
         if not (float(count).is_integer() and float(count) > 1):
             raise MisreadError(line, f"{count} must be the number of values, which follow it")
@@ -194,9 +195,9 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
     elif step is not None and dt is None:
         rule = f"pass dt={float(step):g} if it is one, in s"
         seem = f"{step} stands apart from the values behind it, as a time step does"
-        raise MisreadError(line, f"{seem}: {rule}")
+        raise MisreadError(step_line, f"{seem}: {rule}")
     if step is not None:
-        stated.intervals.append(interval(line, text, step))
+        stated.intervals.append(interval(step_line, text, step))
     return block._replace(rows=rows)
 
 

@@ -17,6 +17,7 @@ _BY_BEGINNING = (
     (rb"[0-9 ]{6}[DRQM][ \0]|MS\x03", "a miniSEED file", _OBSPY),
     (rb"[0-9]{6}V ", "a SEED volume", _OBSPY),
     (rb".{304}(?:[\6\7]\0\0\0|\0\0\0[\6\7]).{324}", "a SAC file", _OBSPY),
+    (rb"(?:\s*[-+0-9.e]+\s+){4,12}-12345(?:\.0*)?\s", "a SAC file of text", _OBSPY),
     (rb"WID[12] ", "a GSE file", _OBSPY),
     (rb"\x1f\x8b|BZh[1-9]|\xfd7zXZ|.{257}ustar", "a compressed file", _UNPACK),
     (rb"7z\xbc\xaf|Rar!", "an archive", _UNPACK),
@@ -26,7 +27,11 @@ _BY_BEGINNING = (
     (rb"%PDF-|\x89PNG|\xff\xd8\xff", "a picture or a PDF", "a record is a file of numbers"),
     (rb"\s*<(?:!doctype|html)", "a web page", "download the file that it links to"),
     (rb".*Record Sequence Number", "a table of a search", "read the records beside it"),
-    (rb"[3-6] +(?:veloc|displ|resp|four)", "no acceleration (SMC)", "read that of its name"),
+    (
+        rb"[3-6] +(?:veloc|displ|resp|four)",
+        "an SMC file of another quantity",
+        "read that of accelerations",
+    ),
     (rb"\s*<\?xml", "an XML file", "read the file of the accelerations"),
 )
 
