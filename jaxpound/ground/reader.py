@@ -165,16 +165,16 @@ class _Source:
         listed = f"{len(names)} columns or blocks ({', '.join(words)})"
         line = self.channels[0].rows[0].line
         if column is not None:
-            asked = _plain(str(column))
-            spelled = [[_plain(y) for y in (*x.names, "".join(x.names))] for x in self.channels]
-            matching = [x for x, y in zip(self.channels, spelled, strict=True) if asked in y]
-            number = int(column) if f"{column}".isdigit() else 0
-            if number and not (matching and isinstance(column, str)):
-                matching = self.channels[number - 1 : number]
-            if len(matching) != 1 or not any(matching[0] is x for x in channels):
+            spelled = _plain(column) if isinstance(column, str) else "?"  # of no name
+            by_name = [
+                x for x in self.channels if spelled in map(_plain, (*x.names, "".join(x.names)))
+            ]
+            number = int(column) if str(column).isdigit() else 0
+            asked = by_name or self.channels[max(number - 1, 0) : number]
+            if len(asked) != 1 or not any(asked[0] is x for x in channels):
                 rule = f"must be a number from 1, or a name, of an acceleration among {listed}"
                 raise MisreadError(line, f"column = {column!r} {rule}")
-            return matching[0]
+            return asked[0]
         if vertical and len(channels) > 1:
             channels = [channel for channel in channels if any(map(is_vertical, channel.names))]
         if len(channels) != 1:

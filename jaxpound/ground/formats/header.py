@@ -101,10 +101,9 @@ def _units_of_line(line: TextLine) -> Iterator[str]:
         yield from _after_acceleration(number, text, match.end())
     for match in _IN.finditer(text, begin):
         yield from _after_in(number, text, match.end())
-    for match in units.BRACKET.finditer(text):
-        before = set(units.words_of(text[: match.start()]))
-        if before & _NOT_OF_DATA or (before & _SENSORS and not series):
-            continue
+    others = _NOT_OF_DATA if series else _NOT_OF_DATA | _SENSORS
+    end = next((x.start() for x in units.WORD.finditer(text) if x[0].lower() in others), len(text))
+    for match in units.BRACKET.finditer(text, 0, end):
         if set(_words_before(text, match.start())[-1:]) & (units.OTHER_QUANTITIES | units.TIMES):
             continue
         inside = units.inside_of(match)

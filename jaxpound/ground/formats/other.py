@@ -17,7 +17,7 @@ _BY_BEGINNING = (
     (rb"[0-9 ]{6}[DRQM][ \0]|MS\x03", "a miniSEED file", _OBSPY),
     (rb"[0-9]{6}V ", "a SEED volume", _OBSPY),
     (rb".{304}(?:[\6\7]\0\0\0|\0\0\0[\6\7]).{324}", "a SAC file", _OBSPY),
-    (rb"(?:\s*[-+0-9.e]+\s+){4,12}-12345(?:\.0*)?\s", "a SAC file of text", _OBSPY),
+    (rb"(?:\s*+[-+0-9.e]++){4,12}?\s++-12345(?:\.0*)?\s", "a SAC file of text", _OBSPY),
     (rb"WID[12] ", "a GSE file", _OBSPY),
     (rb"\x1f\x8b|BZh[1-9]|\xfd7zXZ|.{257}ustar", "a compressed file", _UNPACK),
     (rb"7z\xbc\xaf|Rar!", "an archive", _UNPACK),
