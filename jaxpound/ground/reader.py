@@ -165,10 +165,10 @@ class _Source:
         listed = f"{len(names)} columns or blocks ({', '.join(words)})"
         line = self.channels[0].rows[0].line
         if column is not None:
-            asked = _plain(str(column))
-            matching = [x for x in self.channels if asked in map(_plain, x.names)]
-            if asked.isdigit() and not (matching and isinstance(column, str)):
-                matching = self.channels[int(asked) - 1 : int(asked)]
+            number, is_name = str(column), isinstance(column, str)
+            matching = [x for x in self.channels if _plain(number) in map(_plain, x.names)]
+            if not (matching and is_name):
+                matching = self.channels[int(number) - 1 : int(number)] if number.isdigit() else []
             if len(matching) != 1 or not any(matching[0] is x for x in channels):
                 rule = f"must be a number from 1, or a name, of an acceleration among {listed}"
                 raise MisreadError(line, f"column = {column!r} {rule}")

@@ -5,6 +5,7 @@ import io
 import re
 import warnings
 import zipfile
+from itertools import product
 
 import numpy as np
 import pytest
@@ -65,12 +66,14 @@ def test_without_a_column_a_file_of_several_is_refused_with_their_names(write, n
     network, text = NETWORKS[name], text_of(name)
     path = write(text, "quake" + network.extension)
     n = len(network.names)
-    listed = ", ".join(rf"{k}: (CANAL-\d )?{re.escape(x)}" for k, x in enumerate(network.names, 1))
+    listed = ", ".join(
+        rf"{k}: (CANAL-\d |E-W )?{re.escape(x)}" for k, x in enumerate(network.names, 1)
+    )
     listed = rf"{n} columns or blocks \({listed}\)"
     line = 1 if "Sim" in name else 1 + data_lines(network, network.printed())[0]
     assert_refuses(path, line, rf"{listed}: choose one by its number or name, as column=1$")
     for column in (n + 1, 0, -1, "N99E", True):
-        says = rf"column = {column!r} must be a number from 1, or a name, of {listed}$"
+        says = rf"column = {column!r} must be a number from 1, or a name, of .*{listed}$"
         assert_refuses(path, line, says, column=column)
 
 
@@ -159,15 +162,15 @@ OTHER_KINDS = {
     "ESM displacement": (text_of("ESM", data_type="DISPLACEMENT", unit="cm"), "displacement"),
     "V2 without acceleration": (
         without(text_of("CSMIP V2", 1), "   123 points of accel", "   123 points of veloc"),
-        "must be accelerations first",
+        "must be accelerations",
     ),
     "V3": (
         "Response and Fourier amplitude spectra (86 periods)\n" + text_of("CSMIP V2", 1),
         "must be accelerations",
     ),
-    "COSMOS velocity": (COSMOS_VELOCITY, "must be accelerations first"),
-    "SMC velocity": (text_of("SMC", kind="3 VELOCITY"), "SMC file of another quantity"),
-    "SMC spectra": (text_of("SMC", kind="5 RESPONSE SPECTRA"), "SMC file of another quantity"),
+    "COSMOS velocity": (COSMOS_VELOCITY, "must be accelerations"),
+    "SMC velocity": (text_of("SMC", kind="3 VELOCITY"), r"is no acceleration \(SMC\)"),
+    "SMC spectra": (text_of("SMC", kind="5 RESPONSE SPECTRA"), r"is no acceleration \(SMC\)"),
     "SLIST velocity": (text_of("SLIST", 1, unit="M/S"), "'M/S' must be a unit of acc"),
     "SLIST displacement": (text_of("TSPAIR", 1, unit="M"), "'M' must be a unit of acc"),
     "event of velocities": (
@@ -211,8 +214,8 @@ test_counts_and_intervals_that_disagree_are_refused = refusals(
     _changed("SLIST", "123 samples", "124 samples", TRUNCATED),
     _changed("TSPAIR", "123 samples", "124 samples", TRUNCATED),
     _changed("eqsig", "123 0.0200", "122 0.0200", SURPLUS),
-    _changed("eqsig", "123 0.0200", "123 0", "0 must be the time step"),
-    _changed("eqsig", "123 0.0200", "123 -0.02", "-0.02 must be the time step"),
+    _changed("eqsig", "123 0.0200", "123 0", "the time step 0 must be positive"),
+    _changed("eqsig", "123 0.0200", "123 -0.02", "the time step -0.02 must be positive"),
     _changed("SimCenter", '"numPoints": 123', '"numPoints": 124', TRUNCATED),
     _changed("SimCenter event", '"numSteps": 123', '"numSteps": 122', SURPLUS),
     _changed("CSMIP V2", "intervals of   0.020", "intervals of   0.010", AGREE),
@@ -260,7 +263,7 @@ def test_only_zeros_may_fill_the_last_row(write, name):
 def test_numbers_ahead_of_the_first_header_are_refused(write):
     text = text_of("SLIST", 2)
     without_first = text[text.index("\n") + 1 :]
-    assert_refuses(write(without_first), 1, "numbers must follow a header", column=1)
+    assert_refuses(write(without_first), 1, "must be behind a header", column=1)
 
 
 # A number without its sign, or without digits ahead of its decimal point, is a number still.
@@ -352,7 +355,7 @@ def test_a_digit_lost_in_columns_of_a_width_that_the_header_states_is_noticed(wr
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_a_line_lost_from_a_header_is_never_misread(write, name):
+def test_a_line_lost_or_doubled_in_a_header_is_never_misread(write, name):
     """It is not needed, or is missed; units are stated in one line, which the caller may state."""
     network = NETWORKS[name]
     printed = network.printed()
@@ -364,8 +367,8 @@ def test_a_line_lost_from_a_header_is_never_misread(write, name):
     if name in ("SMC", "COSMOS V1c"):
         first = min(first, 60)
     outcomes = []
-    for k in range(first):
-        path.write_text("\n".join([*rows[:k], *rows[k + 1 :]]))
+    for k, new in product(range(first), (0, 2)):
+        path.write_text("\n".join([*rows[:k], *rows[k : k + 1] * new, *rows[k + 1 :]]))
         outcomes.append(outcome(path, network.samples(printed[0]), **OPEN.get(name, {})))
     assert set(outcomes) <= OUTCOMES - {"misread"}
 
@@ -382,11 +385,9 @@ def _zip(*members):
 
 
 _SAC = np.full(158, -12345, "<i4").tobytes()
-_UNDEFINED = "".join("".join(f"{-12345.0:15.7g}" for _ in range(5)) + "\n" for _ in range(14))
 NOT_READ = {
     "quake.sac": (_SAC[:304] + b"\6\0\0\0" + _SAC[308:] + b"\0" * 800, "SAC", "obspy.read"),
     "big-endian.sac": (_SAC[:304] + b"\0\0\0\6" + _SAC[308:], "SAC", "obspy.read"),
-    "text.sac": (_UNDEFINED.encode(), "SAC", "obspy.read"),
     "quake.mseed": (b"000001D EXA  00HNEXX" + b"\7\xee\0\1" * 100, "miniSEED", "obspy.read"),
     "three.mseed": (b"MS\x03\4" + b"\0" * 60, "miniSEED", "obspy.read"),
     "quake.gse": (b"WID2 2030/01/01 00:00:00.000 EXA   HNE\n", "GSE", "obspy.read"),
@@ -456,7 +457,8 @@ def test_a_count_and_an_interval_ahead_of_the_values_are_no_samples(write, first
         assert_refuses(path, line, "dt = 0.01 must agree with the file's own", dt=0.01)
     wrong = first.replace("160", "161")
     if wrong != first:
-        assert_refuses(write(wrong + COLUMN), 1, "truncated: the first line", dt=DT)
+        line = wrong.count("\n") if not options else 1
+        assert_refuses(write(wrong + COLUMN), line, "truncated: the first line", dt=DT)
 
 
 def test_a_lone_first_number_like_a_time_step_is_refused_without_dt(write):
