@@ -43,7 +43,7 @@ def test_the_component_of_simulate(options, size, three, tmp_path, capsys, monke
     ("options", "words"),
     [
         ([], "three.txt:3: 3 columns or blocks (1: N-S, 2: E-W, 3: U-D): choose one"),
-        (["--column", "4"], "three.txt:3: column = '4' must be a number from 1, or a name, of 3"),
+        (["--column", "4"], "three.txt:3: column = '4' must be a number from 1, or a name, of"),
         (["--rows", "down"], "rows = 'down' must be 'history'"),
         (["--column", "1", "--rows", "history"], "three.txt:3: "),
     ],

@@ -260,7 +260,7 @@ def test_a_truncated_record(el_centro, tmp_path, capsys):
     path = tmp_path / "cut.at2"
     path.write_text("".join(el_centro.read_text().splitlines(keepends=True)[:100]))
     line = refusal(capsys, "simulate", "--record", path, "--out", tmp_path / "out")
-    assert f"{path}:4: truncated: NPTS = 5372" in line
+    assert f"{path}:4: truncated: npts= 5372" in line
 
 
 @pytest.mark.usefixtures("without_pictures")

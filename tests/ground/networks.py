@@ -274,7 +274,7 @@ def cwb(components, dt, names):
 
 
 def knet(components, dt, names):
-    direction = {"E-W surface": "5"}.get(names[0], names[0])
+    direction = {"surface": "5"}.get(names[0], names[0])
     changed = {"Dir.": direction, "Duration Time(s)": f"{len(components[0]) * dt:g}"}
     return knet_text([*map(int, components[0])], rate=round(1 / dt), **changed)
 
@@ -392,7 +392,7 @@ NETWORKS = {
     "UNAM": Network(unam, "{:10.4f}".format, GAL, ("N00E", "N90E", "V"), ".011"),
     "CWB": Network(cwb, "{:10.3f}".format, GAL, ("N", "E", "U"), ".dat"),
     "K-NET": Network(knet, "{:d}".format, PER_COUNT, ("E-W",), ".EW", counts=True),
-    "KiK-net": Network(knet, "{:d}".format, PER_COUNT, ("E-W surface",), ".EW2", counts=True),
+    "KiK-net": Network(knet, "{:d}".format, PER_COUNT, ("surface",), ".EW2", counts=True),
     "SLIST": Network(fdsn, E14_7, MS2, ("HNE", "HNN", "HNZ"), ".txt"),
     "TSPAIR": Network(_with(fdsn, form="TSPAIR"), E14_7, MS2, ("HNE", "HNN", "HNZ"), ".txt"),
     "GeoCSV": Network(geocsv, E14_7, MS2, ("H_N_E",), ".csv"),

@@ -6,9 +6,11 @@ import re
 from collections.abc import Sequence
 
 from jaxpound.ground.formats import rows as printed
+from jaxpound.ground.formats.header import stated_units
 from jaxpound.ground.formats.layout import Channel, Layout
 from jaxpound.ground.formats.rows import ValueRow
 from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextLine, shown
+from jaxpound.ground.formats.units import UNITS, stated_among
 
 _FORM = re.compile(r"\((?:[0-9]P,? ?)?([0-9]{0,3})[FEGDI]([0-9]{1,2})(?:\.[0-9]{1,2})?\)", re.I)
 _NUMBERS = re.compile(r"[-+.0-9EeDd \t]+")
@@ -29,7 +31,9 @@ def _channel(layout: Layout, lines: Sequence[TextLine]) -> Channel:
     at, form, pairs = _first_value(layout, lines)
     header = lines[:at]
     text = [line for line in header if not _NUMBERS.fullmatch(line.text)]
-    stated = printed.stated_in(text, layout.unit)
+    titled = stated_units(text[-1:]) if layout.title else {}
+    unit = "" if stated_among(titled, UNITS) else layout.unit
+    stated = printed.stated_in(text, unit)
     if layout.state:
         layout.state(header, stated)
     if not stated.counts:

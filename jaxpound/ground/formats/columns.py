@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jaxpound.ground.formats import rows as printed
 from jaxpound.ground.formats import units
 from jaxpound.ground.formats.layout import Channel, Layout
-from jaxpound.ground.formats.rows import FEW, Block, ValueRow, flatten
+from jaxpound.ground.formats.rows import FEW, MANY, Block, ValueRow, flatten
 from jaxpound.ground.formats.statements import Stated, Statement, interval
 from jaxpound.ground.formats.text import (
     MisreadError,
@@ -54,6 +54,10 @@ def read(
             raise OtherKindError(None, "no data: it must hold rows of numbers")
         raise MisreadError(counts[-1].line, f"no data: {counts[-1].text} must be followed by them")
     block = _without_first_numbers(block, dt)
+    flush_right = all(line.text[:1] == " " for line in lines[len(header) :][:MANY])
+    if flush_right and not layout.history and (odd := printed.odd_row(lines, block.rows)):
+        seem = f"{shown(odd.text.strip())}, do not end below those of other rows"
+        notes.append(f"the numbers of line {odd.number}, {seem}: are digits lost?")
     own_names = tuple(layout.components(header))
     if layout.history:
         return [Channel(own_names, stated, block.rows, flatten(block.rows))]
@@ -246,8 +250,6 @@ def _names(own: tuple[str, ...], block: Block, width: int) -> list[tuple[str, ..
     Such a line has a name for each column, with the separators of the rows, or names of directions
     and channels only.
     """
-    if own and len(own) in (width, width - 1):
-        return [(name,) for name in ("time",) * (width - len(own)) + own]
     lines: list[list[str]] = []
     for _, raw, cells in _names_in(block.header):
         bare = [re.sub(r"(?<=\S) ?[(\[].*", "", cell) for cell in cells]
@@ -256,6 +258,8 @@ def _names(own: tuple[str, ...], block: Block, width: int) -> list[tuple[str, ..
         are_names = len(cells) == width and all(words[1:])
         if are_names and (separated or all(x <= _COMPONENTS for x in words)):
             lines.append([cell if units.WORD.search(cell) else "" for cell in bare])
+    if own and len(own) in (width, width - 1) and not any(name in own for x in lines for name in x):
+        lines.append([*("time",) * (width - len(own)), *own])
     return [tuple(filter(None, names)) for names in list[tuple[str, ...]](zip(*lines, strict=True))]
 
 

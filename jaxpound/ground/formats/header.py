@@ -205,6 +205,7 @@ _OTHER_HISTORY = re.compile(
     r"|(intensity|energy|spectrum) ?(?:time\b|history|series))",
     re.I,
 )
+_SPECTRUM = re.compile(r"\b(response|fourier) (?:amplitude )?spectr", re.I)
 _NOT_OTHER = re.compile(r"\b(?:acc|peak|max)", re.I)
 
 
@@ -212,6 +213,7 @@ def require_acceleration(header: Sequence[TextLine]) -> None:
     """An ``OtherKindError`` for the header of a history of velocity, displacement or energy."""
     for number, raw in header:
         text = plain(raw)
-        if not _NOT_OTHER.search(text) and (other := _OTHER_HISTORY.search(text)):
-            quantity = f"the header says {(other[1] or other[2]).lower()}"
+        other = None if _NOT_OTHER.search(text) else _OTHER_HISTORY.search(text)
+        if other := _SPECTRUM.search(text) or other:
+            quantity = f"the header says {' '.join(filter(None, other.groups())).lower()}"
             raise OtherKindError(number, f"must be an acceleration history, but {quantity}")

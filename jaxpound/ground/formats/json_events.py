@@ -44,6 +44,9 @@ class _Printed(str):
 def _histories(tree: Any, above: dict[str, Any]) -> Iterator[Channel]:
     """The lists of numbers of a tree, with what the objects around them state."""
     if isinstance(tree, dict):
+        for key in _INTERVALS & tree.keys() & above.keys():
+            if tree[key] != above[key]:
+                raise MisreadError(None, f'"{key}" is both {above[key]} and {tree[key]}')
         above = above | {key: x for key, x in tree.items() if not isinstance(x, list)}
         for key, value in tree.items():
             name = str(tree.get("name", key)) if key == "data" else key.removeprefix("data_")

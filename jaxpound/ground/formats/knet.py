@@ -50,13 +50,9 @@ def read(lines: Sequence[TextLine], notes: list[str]) -> Channel:
     count = Statement(at_time, f"{rate} Hz for {duration} s, {n:.12g},", float(round(n)))
     stated = Stated({"gal": at_scale}, [count], [statements.rate(at_rate, _FIELDS[0][0], rate)])
     printed.require_count(stated, len(counts))
-    texts = {line.number: line.text for line in lines}
-    ends = [[match.end() for match in re.finditer(r"\S++", texts[row.line])] for row in rows]
-    usual = max(ends[:1000], key=ends[:1000].count)
-    odd = [row for row, at in zip(rows, ends, strict=True) if at != usual[: len(at)]]
-    if len(rows) > 2 and 0 < len(odd) <= max(1, len(rows) // 100):
+    if odd := printed.odd_row(lines, rows):
         rule = "must end below those of other rows: digits are lost, or the file is cut"
-        raise MisreadError(odd[0].line, f"the counts {shown(texts[odd[0].line].strip())} {rule}")
+        raise MisreadError(odd.number, f"the counts {shown(odd.text.strip())} {rule}")
     scale = to_float(gal) / to_float(per)
     samples = (counts - counts.mean()) * scale
     largest = float(np.abs(samples).max())

@@ -219,6 +219,17 @@ def even_interval(rows: list[ValueRow]) -> Statement:
     return Statement(rows[0].line, "the column of times", float(f"{dt:.12g}"), float(printed))
 
 
+def odd_row(lines: Sequence[TextLine], rows: list[ValueRow]) -> TextLine | None:
+    """The first line whose numbers do not end below those of nearly all rows, flush right."""
+    texts = {line.number: line.text for line in lines}
+    ends = [[match.end() for match in re.finditer(r"\S++", texts[row.line])] for row in rows]
+    usual = max(ends[:1000], key=ends[:1000].count)
+    odd = [row.line for row, at in zip(rows, ends, strict=True) if at != usual[: len(at)]]
+    if len(rows) > 2 and 0 < len(odd) <= max(1, len(rows) // 100):
+        return TextLine(odd[0], texts[odd[0]])
+    return None
+
+
 def require_count(stated: Stated, n: int) -> None:
     """Refuse a file whose number of values is none of those that its header states."""
     if stated.counts and not any(abs(n - x.value) <= x.slack for x in stated.counts):

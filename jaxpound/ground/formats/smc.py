@@ -20,6 +20,12 @@ def _state(header: Sequence[TextLine], stated: Stated) -> None:
     lines = [line for line in header if not line.text.startswith("|")]
     integers, reals = lines[-16:-10], lines[-10:]
     counts, numbers = rows.numbers_of(integers, _INTEGERS[1:]), rows.numbers_of(reals, _REALS[1:])
+    if (len(counts), len(numbers)) != (48, 50) or not float(counts[_COUNT]) > 0:
+        rule = "48 and 50 numbers, one of which is that of the values"
+        raise MisreadError(header[0].number, f"the header of SMC must have {rule}")
+    if (len(counts), len(numbers)) != (48, 50) or not float(counts[_COUNT]) > 0:
+        rule = "48 and 50 numbers, one of which is that of the values"
+        raise MisreadError(header[0].number, f"the header of SMC must have {rule}")
     if float(numbers[_RATE]) == float(numbers[_UNDEFINED]) or not float(numbers[_RATE]) > 0:
         rule = "is undefined, as of values at uneven times, which must be resampled first"
         raise MisreadError(reals[0].number, f"sampling rate = {numbers[_RATE]} {rule}")

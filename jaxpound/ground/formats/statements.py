@@ -104,7 +104,10 @@ def _counts(line: int, text: str) -> Iterator[Statement]:
         values = _VALUES.match(text, name.end())
         if values and (values["blank"] or not values["behind"]):
             phrase = text[name.start() : values.end("values")]
-            stated.append((phrase, values["values"].split("/")[0]))
+            numbers = {*values["values"].split("/")}
+            if len(numbers) > 1:
+                raise MisreadError(line, f"{phrase} must be one number for all channels")
+            stated += [(phrase, number) for number in numbers]
     for phrase, number in stated:
         if (count := to_float(number)).is_integer() and count > 0:
             yield Statement(line, phrase, count)
@@ -118,7 +121,7 @@ def _intervals(line: int, text: str) -> Iterator[Statement]:
             if values := _VALUES.match(text, name.end()):
                 unit = f"{values['unit'] or ''} {values['behind'] or ''}".strip(" ()[]") or usual
                 unit = usual if usual == "hz" and not _factor(unit) else unit
-                printed.append((values["values"].split("/")[0], unit))
+                printed += [(number, unit) for number in {*values["values"].split("/")}]
     for number, unit in printed:
         if not 0 < to_float(number) < math.inf:
             continue

@@ -18,6 +18,7 @@ from jaxpound.ground.formats import (
     knet,
     smc,
     spreadsheet,
+    units,
 )
 from jaxpound.ground.formats.layout import Channel, Layout
 from jaxpound.ground.formats.statements import Stated, Statement
@@ -47,13 +48,15 @@ def _state_length(header: Sequence[TextLine], stated: Stated) -> None:
     for number, text in header:
         if (length := _LENGTH.match(text)) and stated.intervals:
             count = round(float(length[1]) / stated.intervals[0].value)
-            stated.counts.append(Statement(number, text.strip(), count, slack=1.0))
+            stated.counts.append(Statement(number, text.strip(), count))
 
 
-def _require_acceleration(header: Sequence[TextLine], stated: Stated) -> None:
-    """Refuse a unit, in the last cell of the header, that is none of accelerations."""
+def _state_unit(header: Sequence[TextLine], stated: Stated) -> None:
+    """Add the unit in the last cell of the header, which must be one of accelerations."""
     unit = header[0].text.split(",")[-1].strip()
-    if unit not in ("", "FLOAT", "INTEGER") and not stated.units:
+    if name := units.whole_unit(unit):
+        units.state(stated.units, name, header[0].number)
+    elif unit not in ("", "FLOAT", "INTEGER") and not stated.units:
         raise OtherKindError(header[0].number, f"{shown(unit)} must be a unit of accelerations")
 
 
@@ -94,7 +97,7 @@ LAYOUTS = (
             signature=rf"TIMESERIES .*\b{name}",
             begin="TIMESERIES ",
             component=r"TIMESERIES (?:\w*_)?([A-Z]\w[A-Z0-9])_\w,",  # channel and quality
-            state=_require_acceleration,
+            state=_state_unit,
             pairs=pairs,
         )
         for name, pairs in (("SLIST", None), ("TSPAIR", (2, 0)))
