@@ -284,9 +284,8 @@ def by_sections(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: in
     """
     while (wide := np.flatnonzero(brackets.width() > tolerance)).size:
         n = max(1, batch // wide.size)
-        shares = np.arange(n + 2) / (n + 1)
         low, high = brackets.low[wide, None], brackets.high[wide, None]
-        points = low + shares * (high - low)
+        points = low + np.arange(n + 2) / (n + 1) * (high - low)
         inner = runs.demands(np.repeat(wide, n), points[:, 1:-1].ravel()).reshape(-1, n)
         ends = brackets.below[wide], brackets.above[wide]
         excess = np.column_stack([ends[0], inner - runs.threshold, ends[1]])

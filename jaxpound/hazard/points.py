@@ -203,7 +203,6 @@ def read_hazard(
     header = lines[0] if lines and lines[0].startswith("#") else ""
     rows = [row for row in csv.reader(lines[bool(header) :]) if any(row)]
     names = rows[0] if rows else []
-    probabilities = any(name.startswith("poe-") for name in names)
     levels = [i for i, name in enumerate(names) if name not in _PLACES]
     if not {"lon", "lat"} <= set(names) or len(levels) < 2 or len(rows) < 2:
         rule = "a line of names, lon and lat and the intensities (OpenQuake: poe-0.1), above sites"
@@ -212,7 +211,7 @@ def read_hazard(
     im = np.array([_number(owner, names[i].removeprefix("poe-")) for i in levels])
     value = np.array([_number(owner, row[i]) for i in levels])
     usable = value >= LEAST_RATE
-    if probabilities:
+    if any(name.startswith("poe-") for name in names):
         if ((value < 0) | (value > 1)).any():
             raise InvalidInput(owner, "probabilities", "", "must be from 0 to 1")
         usable &= value < 1

@@ -144,8 +144,7 @@ class HlrfIteration:
         still = (self.slope[moved] == 0).all(axis=1)
         # A safe point with a negative distance: the limit state is nearer in the other direction.
         betas = np.where(self.value[moved] < 0, np.abs(betas), betas)
-        target = np.where(still[:, None], 2 * z, along * betas[:, None])
-        self.direction[moved] = target - z
+        self.direction[moved] = np.where(still[:, None], 2 * z, along * betas[:, None]) - z
         self.penalty[moved] = 2 * np.maximum(length, np.abs(betas)) / self.steepness[moved]
         size = np.maximum(length, 1)
         aligned = np.linalg.norm(z - along * _dots(along, z)[:, None], axis=1) <= _ALONG * size
@@ -158,10 +157,9 @@ class HlrfIteration:
 
     def rescue(self) -> None:
         """Start those without a point again from the point of a neighbouring instant."""
-        missing = np.flatnonzero(~self.done)
         near, z = self.done & (self.planes()[1] <= self.nearest() + _FAR), self.z.copy()
         self.lost |= ~self.done
-        for row in missing:
+        for row in np.flatnonzero(~self.done):
             same = self.series == self.series[row]
             if not (others := np.flatnonzero(near & same)).size:
                 continue

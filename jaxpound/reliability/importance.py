@@ -72,10 +72,9 @@ class Mixture(NamedTuple):
         y, chance = normal[:, :-1], ndtr(normal[:, -1])
         ends = np.cumsum((1 - _GUARD) * np.exp(self.log_weights))
         part = np.searchsorted(ends, chance)
-        guard = part == len(ends)
         centred = y + self.centres[np.minimum(part, len(ends) - 1)]
         widened = y + (self.wide - 1) * (y @ self.basis.T) @ self.basis
-        return np.where(guard[:, None], widened, centred)
+        return np.where((part == len(ends))[:, None], widened, centred)
 
     def log_ratios(self, z: Float[np.ndarray, "n d"]) -> tuple[np.ndarray, np.ndarray]:
         """Logarithms of q/φ and of the guard's density over that around the design points."""

@@ -306,9 +306,8 @@ def _no_maximum(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
     pounding, safe = im[k > 0], im[k < n]
     if pounding.min() >= safe.max():
         return f"it always occurs above im = {safe.max():.6g} and never below"
-    z = np.log(im)
     # The likelihood rises with the slope at slope zero if and only if this covariance is positive.
-    if np.sum(z * (k - n * (k.sum() / n.sum()))) <= 0:
+    if np.sum(np.log(im) * (k - n * (k.sum() / n.sum()))) <= 0:
         return "it does not become more frequent as the intensity grows"
     return ""
 

@@ -161,8 +161,7 @@ class Study(DemandColumns):
                 raise InvalidInput("fragility", "demand", repr(demand), rule)
             column = self[demand]
             pounding = np.where(np.isnan(column), np.nan, column >= threshold)
-            si = self.scales is not None
-            event = event_in_words(demand, threshold, si, self.stored_topology)
+            event = event_in_words(demand, threshold, self.scales is not None, self.stored_topology)
         valid = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[valid]
         curve = fit_fragility(im[valid], pounding[valid] == 1, weights=weights)
