@@ -37,8 +37,6 @@ _NEARLY = 0.75  # share of the way to a linearised limit state
 _PARTS, _DIVISIONS = 8, 3  # a line is divided; its first part that reaches the demand again
 _FARTHEST = 12.0  # distance beyond which no design point is sought: Φ(−12) is 2e-33
 _FAR = 2.5  # design points that are farther than the nearest by more than this are left out
-
-# Of the iteration.
 _PATIENT = 3  # iterations before a start is given up
 _SHORTER = 0.4  # factor of a step that did not help
 _SHORTEST = 0.05  # below this a step is taken whether it helps or not

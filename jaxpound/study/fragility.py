@@ -294,9 +294,6 @@ def grouped(im: np.ndarray, k: np.ndarray, most: int) -> tuple[np.ndarray, np.nd
     return centre, np.array([k[part].sum() for part in parts]), np.array([len(x) for x in parts])
 
 
-# Probit regression: maximum likelihood of a rising curve P = Φ(a + b z), fitted to counts.
-
-
 def _no_maximum(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
     """The reason why the likelihood of a rising curve has no maximum; empty if it has one."""
     if not k.any() or (k == n).all():

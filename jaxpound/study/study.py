@@ -101,8 +101,6 @@ class Study(DemandColumns):
         """Number of links."""
         return len(self.topology.links)
 
-    # Pounding.
-
     @property
     def checked_floors(self) -> str:
         """Of how many floors ``pounding`` tells, in words; empty if it is of all."""
@@ -194,8 +192,6 @@ class Study(DemandColumns):
             raise InvalidInput(owner, "link", str(link), rule)
         return column
 
-    # Gaps.
-
     def required_gap(
         self, probability: float, confidence: float = 0.95, *, link: int | None = None
     ) -> Estimate:
@@ -236,8 +232,6 @@ class Study(DemandColumns):
         rules = u1 + u2, srss(u1, u2), max(u1**2 + u2**2 - 2 * rho * u1 * u2, 0.0) ** 0.5
         return Separation(self.required_gap(probability, confidence), *rules, correlation=rho)
 
-    # Parameters.
-
     def parameters(self) -> dict[str, np.ndarray]:
         """The scenarios' parameters by name, shape (n,) each, from the columns or recomputed.
 
@@ -267,8 +261,6 @@ class Study(DemandColumns):
             name: correlation(x[valid], y[valid], weights, ranks=kind == "rank")
             for name, x in self.parameters().items()
         }
-
-    # Tables.
 
     def told(self) -> list[str]:
         """Columns that tables show: no parameters of scenarios, no slip without friction."""
