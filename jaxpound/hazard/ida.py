@@ -277,11 +277,7 @@ class Brackets:
 
 
 def by_sections(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: int) -> np.ndarray:
-    """Bisection with many points instead of one: ``batch`` runs a round, as many as fill a batch.
-
-    Each round keeps the section in which the demand first reaches the threshold. The result is
-    where the chord of the last section crosses.
-    """
+    """Bisection by many points: ``batch`` runs a round, as many as fill a batch of runs."""
     while (wide := np.flatnonzero(brackets.width() > tolerance)).size:
         n = max(1, batch // wide.size)
         low, high = brackets.low[wide, None], brackets.high[wide, None]

@@ -126,11 +126,7 @@ class Unrepresented(NamedTuple):
 
 
 class DesignPointSearch:
-    """A search for the probability of a limit state by its design points.
-
-    ``cov`` is the target coefficient of variation, ``most`` the largest number of runs, ``start``
-    an event from whose design points the search starts, ``folder`` that of its files.
-    """
+    """A search for the probability of a limit state by its design points; see ``rare_event``."""
 
     def __init__(
         self,
@@ -154,11 +150,7 @@ class DesignPointSearch:
         self._stored = SearchRuns(folder, search, state, key, _COLUMNS, BATCH, **more)
 
     def event(self, only_by_points: bool) -> RareEvent | Unrepresented:
-        """The event, or ``Unrepresented`` where design points do not stand for all failures.
-
-        ``only_by_points`` takes them nonetheless, with a warning, and raises an ``InvalidInput`` if
-        there are none.
-        """
+        """The event, or ``Unrepresented`` where design points do not stand for all failures."""
         points = None if self._start is None else self._design_points()
         if points is None or not points.form() <= COMMON / 2:  # NaN without points
             self._bar.set_postfix_str(COMPILING)

@@ -107,11 +107,7 @@ def measured(kind: str, row: Any, observed: tuple[Any, ...], system: System) -> 
 
 
 def chosen_instants(n_steps: int, dt: float, n_series: int) -> np.ndarray:
-    """Numbers of the instants at which design points are sought, the last being the run's end.
-
-    There are 20 in a period of structure 1, some 0.3/ω1 apart, and at most 256; with several series
-    fewer each, but at least 16.
-    """
+    """Numbers of the instants at which design points are sought, the last being the run's end."""
     most = min(int(np.ceil(n_steps * dt * _PER_PERIOD / _PERIOD)), _MOST)
     n = max(1, min(n_steps, max(most // max(1, n_series), 16)))
     return np.round(np.arange(1, n + 1) * n_steps / n).astype(int)
