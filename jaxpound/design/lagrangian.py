@@ -25,10 +25,7 @@ if TYPE_CHECKING:
 
 _MULTIPLIERS_EVERY = 10  # iterations
 _FIRST_WEIGHT, _LARGEST_WEIGHT = 10.0, 100.0  # larger ones make steps and multipliers oscillate
-
-AT_BOUND = 0.005
-"""Scaled distance from a bound within which a variable counts as at that bound."""
-
+AT_BOUND = 0.005  # scaled distance from a bound within which a variable counts as at that bound
 _NEAR_LIMIT = 0.01  # of the limit
 _STEPS = 30  # of polishing, at most
 _FAR = 1e6  # replaces an objective that is not finite, in units of size

@@ -32,8 +32,7 @@ from jaxpound.units import Scales
 if TYPE_CHECKING:
     from optax import GradientTransformation
 
-NO_LIMIT = 1e30
-"""A bound that stands for no limit."""
+NO_LIMIT = 1e30  # a bound that stands for no limit
 
 
 class InfeasibleError(ValueError):

@@ -32,6 +32,8 @@ STOPPED_BY_CALLBACK = "the callback ended it"
 _SAVE_EVERY = 20  # iterations, or
 _SAVE_AFTER = 5.0  # seconds: of a row an iteration may take as long
 _FORMAT = 2  # of the file
+# The name of an array by its path: ``State.scaled``, ``Iterate.best.merit``.
+_name = partial(jax.tree_util.keystr, simple=True, separator=".")
 
 
 class Progress(NamedTuple):
@@ -271,7 +273,3 @@ class SavedSearch:
         arrays = {_name(path): np.asarray(x) for path, x in jax.tree.leaves_with_path(tree)}
         arrays["iterations"] = np.array([len(history)], np.int64)
         write_archive(self.path, arrays, {"format": _FORMAT, **self.identity})
-
-
-_name = partial(jax.tree_util.keystr, simple=True, separator=".")
-"""The name of an array by its path: ``State.scaled``, ``Iterate.best.merit``."""

@@ -23,6 +23,7 @@ LEAST_RATE = 1e-100  # smaller annual rates are rounding errors of the program t
 _SIZES = (1e-12, 1e12)  # of intensities, in any unit
 _RATES = (LEAST_RATE, 1e3)  # a thousand earthquakes a year are three a day
 _STRONG, _OFTEN = 0.4, 0.02  # PGA in g, and an annual rate that no site in use reaches for it
+_PLACES = {"lon", "lat", "depth", "name", "vs30", "custom_site_id"}  # columns without a rate
 _NEARLY_SURE = 0.9  # from here two rates in a row are more probably probabilities
 
 
@@ -188,9 +189,6 @@ def rate_of(owner: str, probability: float, years: float) -> float:
     _checks.require_share(owner, "probability", probability)
     (years,) = positive_number(owner, years=years)
     return float(-np.log1p(-probability) / years)
-
-
-_PLACES = {"lon", "lat", "depth", "name", "vs30", "custom_site_id"}
 
 
 def read_hazard(

@@ -189,8 +189,7 @@ class DesignPoints:
     series: Int[np.ndarray, " k"]
     gradients: int = 0  # number of runs with a gradient
     failed: int = 0  # starts that did not converge near enough to matter; all, if none did
-    # Estimated share of random starts that end in one of these points, without instants.
-    covered: float = 1.0
+    covered: float = 1.0  # estimated share of random starts that end in these, without instants
     runs: int = 0  # number of runs without a gradient
 
     def __len__(self) -> int:

@@ -32,13 +32,11 @@ OBSERVERS = {"length": POSITIONS, "acceleration": ACCELERATIONS, "force": ROD_FO
 class Series(NamedTuple):
     """A linear combination of the numbers of an observer at an instant."""
 
-    words: str
-    """Its quantity and place: "drift, storey 2 of building 1"."""
+    words: str  # its quantity and place: "drift, storey 2 of building 1"
     row: np.ndarray
     """Factors of each mass's displacement, each link's closing and each link's gap at rest, or of
     each mass's acceleration, or of each rod's force."""
-    kind: str = "length"
-    """A key of ``OBSERVERS``, the same for all series of a demand."""
+    kind: str = "length"  # a key of ``OBSERVERS``, the same for all series of a demand
 
 
 def is_by_impacts(system: System, demand: Any) -> bool:

@@ -26,6 +26,8 @@ from jaxpound.scenarios.scenarios import NUMBER_BYTES
 
 # Kinds of quantity of a wavelet's parameters, whose names end with its number, as in ``period_2``.
 WAVELET_KINDS = {"amplitude": "length", "period": "time", "arrival": "time"}
+_PULSE = {name: rule for name, rule, _ in walk(Pulse, Parameter)}  # parameters of a pulse
+_POSITIVE = {name for name, rule in _PULSE.items() if rule.above == 0}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -182,10 +184,6 @@ class RandomRecord(Checked, GroundDraw):
         ends = np.cumsum(weights / weights.sum())[:-1]
         number = jnp.sum(ndtr(z[0]) >= jnp.asarray(ends, z.dtype)) if len(ends) else 0
         return number, 1.0 if self.factor is None else self.factor.from_normal(z[-1])
-
-
-_PULSE = {name: rule for name, rule, _ in walk(Pulse, Parameter)}  # parameters of a pulse
-_POSITIVE = {name for name, rule in _PULSE.items() if rule.above == 0}
 
 
 @dataclasses.dataclass(frozen=True)
