@@ -198,8 +198,7 @@ class TrustRegion:
     @property
     def box(self) -> np.ndarray:
         """Smallest and largest scaled variables, (2, d)."""
-        low, high = self.centre - self.radius, self.centre + self.radius
-        return np.stack([np.maximum(low, 0.0), np.minimum(high, 1.0)])
+        return np.clip([self.centre - self.radius, self.centre + self.radius], 0.0, 1.0)
 
     @property
     def model(self) -> LogRatios:

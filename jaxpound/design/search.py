@@ -74,8 +74,7 @@ class SearchOptions:
             count(OWNER, name, getattr(self, name))
         if self.batch is not None:
             count(OWNER, "batch", self.batch)
-        for name in ("tolerance", "limit_tolerance"):
-            positive_number(OWNER, **{name: getattr(self, name)})
+        positive_number(OWNER, tolerance=self.tolerance, limit_tolerance=self.limit_tolerance)
         seed(OWNER, "key", self.key)
         if self.optimiser is not None:
             instance(OWNER, "optimiser", self.optimiser, optax.GradientTransformation)

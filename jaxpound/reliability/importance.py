@@ -62,8 +62,7 @@ class Mixture(NamedTuple):
         near = points.within(NEAR)
         logs = log_ndtr(-near.betas)
         _, sizes, rows = np.linalg.svd(near.directions, full_matrices=False)
-        share = np.cumsum(sizes**2) / np.sum(sizes**2)
-        rank = int(np.searchsorted(share, _SPANNED)) + 1
+        rank = int(np.searchsorted(np.cumsum(sizes**2) / np.sum(sizes**2), _SPANNED)) + 1
         return Mixture(near.z, logs - logsumexp(logs), rows[:rank], max(1.5, near.betas[0] / 2))
 
     def draw(self, points: Points, start: int, stop: int) -> Float[np.ndarray, "n d"]:

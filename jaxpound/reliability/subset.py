@@ -218,12 +218,11 @@ def _bound(by_repeat: Sequence[list[Level]], seeds: int) -> tuple[float | None, 
     if _estimate(by_repeat)[0].mean() >= RAREST:
         return None, []
     last = [levels[-1] for levels in by_repeat]
-    reached = float(np.mean([level.probability for level in last]))
     nearest = max(float(level.values.max()) for level in last)
     bound, why = RAREST, "rarer levels are not sought"
     if any((level.values == level.values.max()).sum() > seeds for level in last):
         n = sum(len(level.values) for level in last)
-        bound = -math.log(_SURE) * reached / n
+        bound = -math.log(_SURE) * float(np.mean([level.probability for level in last])) / n
         why = "no rarer level lies beyond one in which the largest demands are all the same"
     short = f"; the demand stays {-nearest:.4g} below the threshold" if nearest < 0 else ""
     below = f"the probability is below {bound:.2g}, since {why}{short}"

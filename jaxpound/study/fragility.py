@@ -103,8 +103,7 @@ class Fragility(Shown):
         """Probability of pounding at intensities ≥ 0 (else a ``ValueError``), of their shape."""
         im = _not_negative("Fragility.probability", intensity)
         with np.errstate(divide="ignore"):
-            z = np.log(im / self.median) / self.dispersion
-        return ndtr(z)
+            return ndtr(np.log(im / self.median) / self.dispersion)
 
     def band(
         self,
