@@ -82,6 +82,7 @@ class Task:
         """Everything that determines the study's numbers, as JSON; not the number of samples."""
         kind, numbers = self.key
         partitionable = bool(jax.config.jax_threefry_partitionable)  # type: ignore[attr-defined]
+        versions = {"jaxpound": __version__, "jax": jax.__version__, "scipy": scipy.__version__}
 
         def drawn(z: jax.Array) -> Any:  # its program identifies the functions
             structures, ground = self.scenarios.realize(z)
@@ -90,11 +91,7 @@ class Task:
             return structures, as_run(ground, self.grid, gravity_of(structures)), measured, kept
 
         return {
-            "versions": {
-                "jaxpound": __version__,
-                "jax": jax.__version__,
-                "scipy": scipy.__version__,
-            },
+            "versions": versions,
             "precision": "float64" if self.x64 else "float32",
             "key": {"kind": kind, "numbers": list(numbers), "partitionable": partitionable},
             "sampling": self.sampling,
