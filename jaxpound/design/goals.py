@@ -191,9 +191,7 @@ def gathered(values: jax.Array, over: str | float) -> jax.Array:
     """One number for a demand in all earthquakes, shape (n,); ``over`` is that of ``Limit``."""
     if over == "mean":
         return jnp.mean(values)
-    if over == "worst":
-        return values[jnp.argmax(values)]
-    return tail_mean(values, float(over))
+    return values[jnp.argmax(values)] if over == "worst" else tail_mean(values, float(over))
 
 
 def tail_mean(x: jax.Array, share: float) -> jax.Array:

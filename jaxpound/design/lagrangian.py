@@ -25,10 +25,7 @@ if TYPE_CHECKING:
 
 _MULTIPLIERS_EVERY = 10  # iterations
 _FIRST_WEIGHT, _LARGEST_WEIGHT = 10.0, 100.0  # larger ones make steps and multipliers oscillate
-
-AT_BOUND = 0.005
-"""Scaled distance from a bound within which a variable counts as at that bound."""
-
+AT_BOUND = 0.005  # scaled distance from a bound within which a variable counts as at that bound
 _NEAR_LIMIT = 0.01  # of the limit
 _STEPS = 30  # of polishing, at most
 _FAR = 1e6  # replaces an objective that is not finite, in units of size
@@ -82,8 +79,7 @@ class AugmentedLagrangian:
     def texts(self, state: SearchState, data: ProblemData) -> tuple[str, str]:
         """The programs of ``iterate`` as text, to distinguish one search from another."""
         arguments = (*_gradient_arguments(state), 0, data)
-        results = jax.eval_shape(self.gradient, *arguments)
-        update = self.update.lower(state, *results, 0, data)
+        update = self.update.lower(state, *jax.eval_shape(self.gradient, *arguments), 0, data)
         return self.gradient.lower(*arguments).as_text(), update.as_text()
 
     def jacobian(self, scaled: np.ndarray, starts: int, data: ProblemData) -> tuple[Point, Any]:
@@ -271,9 +267,8 @@ class FirstOrderConditions:
         _, goal, slopes = self.at(point.scaled)
         active = point.limited / np.asarray(self.data.limits) - 1 > -_NEAR_LIMIT
         multipliers, gradient = np.zeros(active.size), goal
-        box = np.asarray(self.data.box)
         for _ in range(3):  # which bounds are active depends on the multipliers
-            free = ~at_active_bound(point.scaled, gradient, box, AT_BOUND)
+            free = ~at_active_bound(point.scaled, gradient, np.asarray(self.data.box), AT_BOUND)
             if active.any():
                 multipliers[active] = nnls(slopes[active][:, free].T, -goal[free])[0]
             gradient = goal + multipliers @ slopes

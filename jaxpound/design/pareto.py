@@ -120,17 +120,15 @@ def pareto_front(
         best = f"{where.best:.5g}" if np.isfinite(where.best) else "none yet"
         bar.set_postfix({"objective": best}, refresh=False)
 
-    problem = DesignProblem(space, ensemble, grid, scheme, limited, scales)
     options = SearchOptions(starts, key, iterations, optimiser, callback=report, progress=False)
-    designer = Designer(problem, options)
-    searches = points if limits is None else 1 + len(limits)
+    designer = Designer(DesignProblem(space, ensemble, grid, scheme, limited, scales), options)
     # Shown with the first iterations, so that an error message has no bar beside it.
     with tqdm(unit=" iterations", disable=not progress, delay=0.1) as bar:
 
         def begin_search(to_come: int) -> None:
             bar.total = bar.n + iterations * to_come  # those before may have ended early
 
-        begin_search(searches)
+        begin_search(points if limits is None else 1 + len(limits))
         free = designer.design(start)
         if limits is None:  # below its demand, the last that is limited, down to its iterates'
             reached, most = free.history.prices[..., -1], free.prices[price]
@@ -138,15 +136,13 @@ def pareto_front(
             least = min(reached.min(initial=np.inf), most)
             even = np.linspace(most, least, points)[1:].tolist() if least > 0 else []
             limits = [x for x in even if x < most]
-        designs, infeasible, last = [free], [], free
+        designs, infeasible = [free], []
         for i, limit in enumerate(limits):
             begin_search(len(limits) - i)
             try:
-                last = designer.design(last.values, limits={price: limit})
+                designs.append(designer.design(designs[-1].values, limits={price: limit}))
             except InfeasibleError:
                 infeasible.append(float(limit))
-                continue
-            designs.append(last)
         begin_search(0)
     front: list[Design] = []  # the undominated designs, in the order of the limited demand
     for design in sorted(designs, key=lambda x: (x.prices[price], -x.objective)):

@@ -207,12 +207,11 @@ class DesignProblem:
         """The numbers of a search, from its first start's demands; ``limits`` replace bounds."""
         bounds = {name: limit.bound for name, limit in self.objective.limits.items()}
         d, k = self.space.dimension, len(self.objective.rare)
-        unlimited = LogRatios(*(jnp.zeros(shape) for shape in ((d,), (k,), (k, d), (k, d, d))))
         return ProblemData(
             grounds=jax.tree.map(jnp.asarray, self.ensemble.grounds),
             uncertain={path: jnp.asarray(x) for path, x in self.ensemble.uncertain.items()},
             limits=jnp.asarray([*(bounds | dict(limits or {})).values()], float),
-            rare=unlimited,
+            rare=LogRatios(*(jnp.zeros(shape) for shape in ((d,), (k,), (k, d), (k, d, d)))),
             box=jnp.stack([jnp.zeros(d), jnp.ones(d)]),
             size=jnp.asarray(self.objective.size(before), float),
             tolerance=jnp.asarray(tolerance, float),

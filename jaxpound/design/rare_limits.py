@@ -33,9 +33,7 @@ from jaxpound.reliability.run import event_of
 from jaxpound.results.named import kind_of
 from jaxpound.scenarios.scenarios import ScenarioSet, discrete_coordinates, parameter_names
 
-TOLERANCE = 0.1
-"""Relative excess over a limit on a probability that is tolerated."""
-
+TOLERANCE = 0.1  # relative excess over a limit on a probability that is tolerated
 _COV = TOLERANCE / 3  # of each estimate
 _MOST_ROUNDS = 15
 _LARGEST_DECREASE = 3.0  # of ln P in a round: beyond it the slope changes
@@ -200,8 +198,7 @@ class TrustRegion:
     @property
     def box(self) -> np.ndarray:
         """Smallest and largest scaled variables, (2, d)."""
-        low, high = self.centre - self.radius, self.centre + self.radius
-        return np.stack([np.maximum(low, 0.0), np.minimum(high, 1.0)])
+        return np.clip([self.centre - self.radius, self.centre + self.radius], 0.0, 1.0)
 
     @property
     def model(self) -> LogRatios:

@@ -32,8 +32,7 @@ from jaxpound.units import Scales
 if TYPE_CHECKING:
     from optax import GradientTransformation
 
-NO_LIMIT = 1e30
-"""A bound that stands for no limit."""
+NO_LIMIT = 1e30  # a bound that stands for no limit
 
 
 class InfeasibleError(ValueError):
@@ -209,7 +208,6 @@ class Designer:
         ends = np.where(best.scaled < 0.5, "low", "high").tolist()
         after = problem.evaluate(best.scaled, problem.ensemble)
         size, names = float(data.size), problem.space.names
-        runs = iterations * options.starts + result.polishing
         design = Design(
             objective_function=function,
             history=SearchHistory.of(result.history, [*limits_of.values()]),
@@ -218,7 +216,7 @@ class Designer:
             gradient=dict(zip(names, (-size * gradient).tolist(), strict=True)),
             multipliers=dict(zip(limits_of, (size * multipliers).tolist(), strict=True)),
             limit_tolerance=options.limit_tolerance,
-            simulations=runs * self.lagrangian.batch,
+            simulations=(iterations * options.starts + result.polishing) * self.lagrangian.batch,
             trained=Comparison(before, after, function, si, topology),
             fresh=None,
             _first=first,

@@ -32,6 +32,8 @@ STOPPED_BY_CALLBACK = "the callback ended it"
 _SAVE_EVERY = 20  # iterations, or
 _SAVE_AFTER = 5.0  # seconds: of a row an iteration may take as long
 _FORMAT = 2  # of the file
+# The name of an array by its path: ``State.scaled``, ``Iterate.best.merit``.
+_name = partial(jax.tree_util.keystr, simple=True, separator=".")
 
 
 class Progress(NamedTuple):
@@ -72,8 +74,7 @@ class SearchOptions:
             count(OWNER, name, getattr(self, name))
         if self.batch is not None:
             count(OWNER, "batch", self.batch)
-        for name in ("tolerance", "limit_tolerance"):
-            positive_number(OWNER, **{name: getattr(self, name)})
+        positive_number(OWNER, tolerance=self.tolerance, limit_tolerance=self.limit_tolerance)
         seed(OWNER, "key", self.key)
         if self.optimiser is not None:
             instance(OWNER, "optimiser", self.optimiser, optax.GradientTransformation)
@@ -271,7 +272,3 @@ class SavedSearch:
         arrays = {_name(path): np.asarray(x) for path, x in jax.tree.leaves_with_path(tree)}
         arrays["iterations"] = np.array([len(history)], np.int64)
         write_archive(self.path, arrays, {"format": _FORMAT, **self.identity})
-
-
-_name = partial(jax.tree_util.keystr, simple=True, separator=".")
-"""The name of an array by its path: ``State.scaled``, ``Iterate.best.merit``."""

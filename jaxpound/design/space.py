@@ -108,11 +108,10 @@ class DesignSpace:
         instance(owner, "variables", self.variables, Mapping)
         if not self.variables:
             raise InvalidInput(owner, "variables", "{}", "must name a parameter")
-        variables = expanded(owner, self.nominal, self.variables)
         unset = dict.fromkeys(paths(self.nominal))
         bounds = {
             path: _bounds(path, limits, *interval(self.nominal, path, unset))
-            for path, limits in variables.items()
+            for path, limits in expanded(owner, self.nominal, self.variables).items()
         }
         ordered = {path: bounds[path] for path in paths(self.nominal) if path in bounds}
         object.__setattr__(self, "variables", ordered)
@@ -179,9 +178,8 @@ class DesignSpace:
         for path, value in values.items():
             low, high = float(self._low(path, values)), self.variables[path].high
             slack = _SLACK * max(abs(low), abs(high))
-            inside = low - slack <= value <= high + slack
             rule = f"between its bounds, {low:.8g} and {high:.8g}"
-            enforce(owner, [Rule(path, value, inside, rule)])
+            enforce(owner, [Rule(path, value, low - slack <= value <= high + slack, rule)])
             shares.append(self.variables[path].share(value, low))
         return np.clip(shares, 0.0, 1.0)
 

@@ -75,10 +75,9 @@ class AnnualRate(Shown):
         """From the rate of earthquakes and P(pounding) in one, by default with its c.o.v."""
         value, low, high, confidence = estimate
         if cov is None:
-            z, cov = ndtri((1 + confidence) / 2), float("nan")
-            if 0 < low < high < np.inf:
-                cov = float(np.log(high / low) / (2 * z))
-        return AnnualRate(rate * value, rate * low, rate * high, confidence, cov, **more)
+            bounded = 0 < low < high < np.inf
+            cov = np.log(high / low) / (2 * ndtri((1 + confidence) / 2)) if bounded else np.nan
+        return AnnualRate(rate * value, rate * low, rate * high, confidence, float(cov), **more)
 
     @property
     def return_period(self) -> float:

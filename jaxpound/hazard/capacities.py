@@ -57,17 +57,15 @@ def fit_capacities(
     if limits.shape not in ((), im.shape):
         raise InvalidInput(owner, "analysed", "", f"of shape {limits.shape} must be {im.shape}")
     limits = np.broadcast_to(limits, im.shape)
-    valid = (limits > 0) & (reached | np.isfinite(limits))
     rule = "positive, and finite where a capacity is not"
-    enforce(owner, [Rule("analysed", limits, valid, rule)])
+    enforce(owner, [Rule("analysed", limits, (limits > 0) & (reached | np.isfinite(limits)), rule)])
     finite = np.sort(im[reached])
     n, m = im.size, finite.size
     if m < 2 or finite[0] == finite[-1]:
         fault = "equal" if m > 1 else f"known of {m} of {n}"
         rule = f"must differ, of at least 2 records; they are {fault}"
         raise InvalidInput(owner, "capacities", "", rule)
-    y = np.where(reached, np.log(im), np.log(limits))
-    line = regression(np.ones((n, 1)), y, ~reached)
+    line = regression(np.ones((n, 1)), np.log(np.where(reached, im, limits)), ~reached)
     above = f", {n - m} more above what was analysed" if n > m else ""
     median, data = float(np.exp(line.coefficients[0])), (finite, np.arange(1, m + 1), np.full(m, n))
     curve = Fragility(median, line.sigma, line.covariance, *data, measure=measure)

@@ -17,13 +17,8 @@ from jaxpound.hazard.capacities import CensoredRegression, regression
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
 from jaxpound.model.system import Structures
 from jaxpound.model.topology import Topology
-from jaxpound.results.named import (
-    OVERLAP,
-    REQUIRED_GAP,
-    DemandSpec,
-    demand_in_words,
-    event_in_words,
-)
+from jaxpound.results import named
+from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility
 from jaxpound.units import Scales
@@ -99,7 +94,7 @@ class Cloud(Shown):
             measure=self.measure,
             source=f"from the regression of {reached.size} demands, {reached.sum()} of them at "
             "least the threshold",
-            event=event_in_words(self.name, threshold, self.si, self.topology),
+            event=named.event_in_words(self.name, threshold, self.si, self.topology),
         )
 
     def _tables(self) -> list[TextTable]:
@@ -107,7 +102,7 @@ class Cloud(Shown):
         values = (self.intercept, self.slope, self.dispersion)
         names = ("intercept a", "slope b", "dispersion σ")
         n, bounds = len(self.intensity), int(self.censored.sum())
-        words = demand_in_words(self.name, self.si, self.topology)
+        words = named.demand_in_words(self.name, self.si, self.topology)
         notes = [f"{words} of {n} records over {self.measure}"]
         notes += [f"of {bounds} only a lower bound is known"] if bounds else []
         rows = list(zip(names, values, map(float, errors), strict=True))
@@ -204,7 +199,7 @@ def cloud_analysis(
         positive_number(owner, threshold=threshold)
     options = structures, records, grid, measure, demand, threshold, scales, scheme, strict
     runs = SuiteRuns(owner, AnalysisOptions(*options), store, progress)
-    if runs.demand == OVERLAP:
+    if runs.demand == named.OVERLAP:
         rule = "must be a gap: those at rest of the links differ, and overlaps have no logarithm"
         raise InvalidInput(owner, "threshold", "None", rule)
     im = runs.intensity.unscaled

@@ -311,11 +311,7 @@ class HazardCurve(Shown):
 
 
 def _require_measure(owner: str, text: str, source: str, measure: Measure) -> None:
-    """An ``InvalidInput`` if a curve has another measure or unit than ``source`` has.
-
-    A warning if only one of them has a unit, except where that unit is g, or if only one of two
-    spectral accelerations has a period.
-    """
+    """An ``InvalidInput`` if a curve has another measure or unit than ``source``, or a warning."""
     of_curve, unit = Measure.of_text(text), measure.unit
     curve, other = f"measure = {text!r}", f"{source}, {measure}"
     if not of_curve.may_be(measure):

@@ -277,16 +277,11 @@ class Brackets:
 
 
 def by_sections(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: int) -> np.ndarray:
-    """Bisection with many points instead of one: ``batch`` runs a round, as many as fill a batch.
-
-    Each round keeps the section in which the demand first reaches the threshold. The result is
-    where the chord of the last section crosses.
-    """
+    """Bisection by many points: ``batch`` runs a round, as many as fill a batch of runs."""
     while (wide := np.flatnonzero(brackets.width() > tolerance)).size:
         n = max(1, batch // wide.size)
-        shares = np.arange(n + 2) / (n + 1)
         low, high = brackets.low[wide, None], brackets.high[wide, None]
-        points = low + shares * (high - low)
+        points = low + np.arange(n + 2) / (n + 1) * (high - low)
         inner = runs.demands(np.repeat(wide, n), points[:, 1:-1].ravel()).reshape(-1, n)
         ends = brackets.below[wide], brackets.above[wide]
         excess = np.column_stack([ends[0], inner - runs.threshold, ends[1]])

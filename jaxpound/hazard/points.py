@@ -23,6 +23,7 @@ LEAST_RATE = 1e-100  # smaller annual rates are rounding errors of the program t
 _SIZES = (1e-12, 1e12)  # of intensities, in any unit
 _RATES = (LEAST_RATE, 1e3)  # a thousand earthquakes a year are three a day
 _STRONG, _OFTEN = 0.4, 0.02  # PGA in g, and an annual rate that no site in use reaches for it
+_PLACES = {"lon", "lat", "depth", "name", "vs30", "custom_site_id"}  # columns without a rate
 _NEARLY_SURE = 0.9  # from here two rates in a row are more probably probabilities
 
 
@@ -190,9 +191,6 @@ def rate_of(owner: str, probability: float, years: float) -> float:
     return float(-np.log1p(-probability) / years)
 
 
-_PLACES = {"lon", "lat", "depth", "name", "vs30", "custom_site_id"}
-
-
 def read_hazard(
     file: str | PathLike[str], site: int | str | None, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, str]:
@@ -203,7 +201,6 @@ def read_hazard(
     header = lines[0] if lines and lines[0].startswith("#") else ""
     rows = [row for row in csv.reader(lines[bool(header) :]) if any(row)]
     names = rows[0] if rows else []
-    probabilities = any(name.startswith("poe-") for name in names)
     levels = [i for i, name in enumerate(names) if name not in _PLACES]
     if not {"lon", "lat"} <= set(names) or len(levels) < 2 or len(rows) < 2:
         rule = "a line of names, lon and lat and the intensities (OpenQuake: poe-0.1), above sites"
@@ -212,7 +209,7 @@ def read_hazard(
     im = np.array([_number(owner, names[i].removeprefix("poe-")) for i in levels])
     value = np.array([_number(owner, row[i]) for i in levels])
     usable = value >= LEAST_RATE
-    if probabilities:
+    if any(name.startswith("poe-") for name in names):
         if ((value < 0) | (value > 1)).any():
             raise InvalidInput(owner, "probabilities", "", "must be from 0 to 1")
         usable &= value < 1

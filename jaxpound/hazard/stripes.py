@@ -124,6 +124,5 @@ def multiple_stripes(
     sizes = [rows.size for rows in rows_of]
     with runs.bar:
         demands = runs.demands(np.concatenate(rows_of), np.repeat(levels, sizes))
-    parts = tuple(np.split(demands, np.cumsum(sizes)[:-1]))
     about = runs.threshold, runs.demand, runs.intensity.words, runs.si, runs.topology
-    return Stripes(levels, parts, *about)
+    return Stripes(levels, tuple(np.split(demands, np.cumsum(sizes)[:-1])), *about)

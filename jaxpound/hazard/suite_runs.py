@@ -228,11 +228,7 @@ class SuiteRuns:
         return demands, slopes / self.intensity.unscaled[records]
 
     def _results(self, records: Any, intensities: Any, slopes: bool) -> Float[np.ndarray, "m 2"]:
-        """Demands and, with ``slopes``, derivatives by the factor, else NaN.
-
-        Batches have the same size however many of their runs are finished, so that the programs
-        and their rounding are the same, too.
-        """
+        """Demands and, with ``slopes``, derivatives by the factor, else NaN."""
         self.before_batch(records)
         factors = np.asarray(intensities / self.intensity.unscaled[records], jnp.zeros(()).dtype)
         self.bar.total = (self.bar.total or 0) + len(records)
@@ -242,6 +238,7 @@ class SuiteRuns:
             part = runs[start : start + size]
             missing = np.array([i for i, run in enumerate(part, start) if run not in finished], int)
             if missing.size:
+                # As large as if no run were finished: the same program, and the same rounding.
                 padded = np.pad(missing, (0, size - missing.size), mode="edge")
                 results = self._programs[slopes](records[padded], factors[padded])
                 both = np.stack(results if slopes else (results, np.full(size, np.nan)))

@@ -37,8 +37,6 @@ _NEARLY = 0.75  # share of the way to a linearised limit state
 _PARTS, _DIVISIONS = 8, 3  # a line is divided; its first part that reaches the demand again
 _FARTHEST = 12.0  # distance beyond which no design point is sought: Φ(−12) is 2e-33
 _FAR = 2.5  # design points that are farther than the nearest by more than this are left out
-
-# Of the iteration.
 _PATIENT = 3  # iterations before a start is given up
 _SHORTER = 0.4  # factor of a step that did not help
 _SHORTEST = 0.05  # below this a step is taken whether it helps or not
@@ -144,8 +142,7 @@ class HlrfIteration:
         still = (self.slope[moved] == 0).all(axis=1)
         # A safe point with a negative distance: the limit state is nearer in the other direction.
         betas = np.where(self.value[moved] < 0, np.abs(betas), betas)
-        target = np.where(still[:, None], 2 * z, along * betas[:, None])
-        self.direction[moved] = target - z
+        self.direction[moved] = np.where(still[:, None], 2 * z, along * betas[:, None]) - z
         self.penalty[moved] = 2 * np.maximum(length, np.abs(betas)) / self.steepness[moved]
         size = np.maximum(length, 1)
         aligned = np.linalg.norm(z - along * _dots(along, z)[:, None], axis=1) <= _ALONG * size
@@ -158,10 +155,9 @@ class HlrfIteration:
 
     def rescue(self) -> None:
         """Start those without a point again from the point of a neighbouring instant."""
-        missing = np.flatnonzero(~self.done)
         near, z = self.done & (self.planes()[1] <= self.nearest() + _FAR), self.z.copy()
         self.lost |= ~self.done
-        for row in missing:
+        for row in np.flatnonzero(~self.done):
             same = self.series == self.series[row]
             if not (others := np.flatnonzero(near & same)).size:
                 continue
@@ -193,8 +189,7 @@ class DesignPoints:
     series: Int[np.ndarray, " k"]
     gradients: int = 0  # number of runs with a gradient
     failed: int = 0  # starts that did not converge near enough to matter; all, if none did
-    # Estimated share of random starts that end in one of these points, without instants.
-    covered: float = 1.0
+    covered: float = 1.0  # estimated share of random starts that end in these, without instants
     runs: int = 0  # number of runs without a gradient
 
     def __len__(self) -> int:

@@ -62,8 +62,7 @@ class Mixture(NamedTuple):
         near = points.within(NEAR)
         logs = log_ndtr(-near.betas)
         _, sizes, rows = np.linalg.svd(near.directions, full_matrices=False)
-        share = np.cumsum(sizes**2) / np.sum(sizes**2)
-        rank = int(np.searchsorted(share, _SPANNED)) + 1
+        rank = int(np.searchsorted(np.cumsum(sizes**2) / np.sum(sizes**2), _SPANNED)) + 1
         return Mixture(near.z, logs - logsumexp(logs), rows[:rank], max(1.5, near.betas[0] / 2))
 
     def draw(self, points: Points, start: int, stop: int) -> Float[np.ndarray, "n d"]:
@@ -72,10 +71,9 @@ class Mixture(NamedTuple):
         y, chance = normal[:, :-1], ndtr(normal[:, -1])
         ends = np.cumsum((1 - _GUARD) * np.exp(self.log_weights))
         part = np.searchsorted(ends, chance)
-        guard = part == len(ends)
         centred = y + self.centres[np.minimum(part, len(ends) - 1)]
         widened = y + (self.wide - 1) * (y @ self.basis.T) @ self.basis
-        return np.where(guard[:, None], widened, centred)
+        return np.where((part == len(ends))[:, None], widened, centred)
 
     def log_ratios(self, z: Float[np.ndarray, "n d"]) -> tuple[np.ndarray, np.ndarray]:
         """Logarithms of q/φ and of the guard's density over that around the design points."""
@@ -127,11 +125,7 @@ class Unrepresented(NamedTuple):
 
 
 class DesignPointSearch:
-    """A search for the probability of a limit state by its design points.
-
-    ``cov`` is the target coefficient of variation, ``most`` the largest number of runs, ``start``
-    an event from whose design points the search starts, ``folder`` that of its files.
-    """
+    """A search for the probability of a limit state by its design points; see ``rare_event``."""
 
     def __init__(
         self,
@@ -155,11 +149,7 @@ class DesignPointSearch:
         self._stored = SearchRuns(folder, search, state, key, _COLUMNS, BATCH, **more)
 
     def event(self, only_by_points: bool) -> RareEvent | Unrepresented:
-        """The event, or ``Unrepresented`` where design points do not stand for all failures.
-
-        ``only_by_points`` takes them nonetheless, with a warning, and raises an ``InvalidInput`` if
-        there are none.
-        """
+        """The event, or ``Unrepresented`` where design points do not stand for all failures."""
         points = None if self._start is None else self._design_points()
         if points is None or not points.form() <= COMMON / 2:  # NaN without points
             self._bar.set_postfix_str(COMPILING)

@@ -32,13 +32,11 @@ OBSERVERS = {"length": POSITIONS, "acceleration": ACCELERATIONS, "force": ROD_FO
 class Series(NamedTuple):
     """A linear combination of the numbers of an observer at an instant."""
 
-    words: str
-    """Its quantity and place: "drift, storey 2 of building 1"."""
+    words: str  # its quantity and place: "drift, storey 2 of building 1"
     row: np.ndarray
     """Factors of each mass's displacement, each link's closing and each link's gap at rest, or of
     each mass's acceleration, or of each rod's force."""
-    kind: str = "length"
-    """A key of ``OBSERVERS``, the same for all series of a demand."""
+    kind: str = "length"  # a key of ``OBSERVERS``, the same for all series of a demand
 
 
 def is_by_impacts(system: System, demand: Any) -> bool:
@@ -107,11 +105,7 @@ def measured(kind: str, row: Any, observed: tuple[Any, ...], system: System) -> 
 
 
 def chosen_instants(n_steps: int, dt: float, n_series: int) -> np.ndarray:
-    """Numbers of the instants at which design points are sought, the last being the run's end.
-
-    There are 20 in a period of structure 1, some 0.3/ω1 apart, and at most 256; with several series
-    fewer each, but at least 16.
-    """
+    """Numbers of the instants at which design points are sought, the last being the run's end."""
     most = min(int(np.ceil(n_steps * dt * _PER_PERIOD / _PERIOD)), _MOST)
     n = max(1, min(n_steps, max(most // max(1, n_series), 16)))
     return np.round(np.arange(1, n + 1) * n_steps / n).astype(int)

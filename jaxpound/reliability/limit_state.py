@@ -42,6 +42,7 @@ _RUNS = 128
 _GRADIENTS = 32
 
 BatchId = tuple[int, int]
+QueryId = tuple[int, int]  # number of a repeat of subset simulation, and that of one of its queries
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -356,9 +357,6 @@ class SearchRuns:
             self._finished.update(zip(missing, parts, strict=True))
         # Processes that filled a store at once may have stored a batch twice in succession.
         return {name: self._finished.pop(name)[:, : len(z)] for name, z in batches.items()}
-
-
-QueryId = tuple[int, int]  # number of a repeat of subset simulation, and that of one of its queries
 
 
 class SubsetRuns:

@@ -147,7 +147,7 @@ def simulated(
             if all(len(x) == 1 for x in levels):
                 require_dependence(OWNER, state, levels[0][0].points, levels[0][0].values)
             bar.set_postfix_str(_so_far(levels))
-            (_, spread), room = _estimate(levels), max_runs - runs.count
+            (estimates, spread), room = _estimate(levels), max_runs - runs.count
             more = 0
             if cov is not None and spread > cov:  # as many as it seems to need, at most doubling
                 needed = math.ceil(len(levels) * (_MARGIN * (spread / cov) ** 2 - 1))
@@ -156,7 +156,6 @@ def simulated(
     depths = f"{most} level{'s' * (most > 1)}" if least == most else f"{least} to {most} levels"
     method = f"{why}subset simulation by adaptive conditional sampling, {len(levels)} repeats of"
     method += f" {n:,} samples a level, p0 = {p0:.3g}, {depths}; c.o.v. by repeats"
-    estimates, spread = _estimate(levels)
     bound, warnings = _bound(levels, round(p0 * n))
     if runs.failed:
         warnings.append(f"{runs.failed:,} of {runs.count:,} runs failed and count as safe")
@@ -169,11 +168,10 @@ def simulated(
             shares_and_repeats = (np.full(inside.sum(), x) for x in (share, r))
             parts.append((level.points[inside], level.values[inside], *shares_and_repeats))
     points, values, shares, repeat_of = map(np.concatenate, zip(*parts, strict=True))
-    weights = shares * len(shares)
     probability = float(estimates.mean()) if bound is None else bound
     return RareEvent(
         *(probability, spread, runs.count, 0, method, state),
-        *(points, weights, values, np.empty((0, state.dimension)), np.empty(0)),
+        *(points, shares * len(shares), values, np.empty((0, state.dimension)), np.empty(0)),
         repeats=repeat_of,
         warnings=(*warnings, *_warnings(levels, cov, max_runs)),
     )
@@ -220,12 +218,11 @@ def _bound(by_repeat: Sequence[list[Level]], seeds: int) -> tuple[float | None, 
     if _estimate(by_repeat)[0].mean() >= RAREST:
         return None, []
     last = [levels[-1] for levels in by_repeat]
-    reached = float(np.mean([level.probability for level in last]))
     nearest = max(float(level.values.max()) for level in last)
     bound, why = RAREST, "rarer levels are not sought"
     if any((level.values == level.values.max()).sum() > seeds for level in last):
         n = sum(len(level.values) for level in last)
-        bound = -math.log(_SURE) * reached / n
+        bound = -math.log(_SURE) * float(np.mean([level.probability for level in last])) / n
         why = "no rarer level lies beyond one in which the largest demands are all the same"
     short = f"; the demand stays {-nearest:.4g} below the threshold" if nearest < 0 else ""
     below = f"the probability is below {bound:.2g}, since {why}{short}"
@@ -323,11 +320,9 @@ def _conditional(
         chains.append(z[:m].copy())
         chain_values.append(values[:m].copy())
         accepted, done = accepted + int(stays.sum()), done + m
-        change = math.exp((float(stays.mean()) - _ACCEPTANCE) / math.sqrt(step))
-        scale = min(1.0, scale * change)
-    acceptance = accepted / (n - len(seeds))
+        scale = min(1.0, scale * math.exp((float(stays.mean()) - _ACCEPTANCE) / math.sqrt(step)))
     samples = np.concatenate(chains), np.concatenate(chain_values)
-    return Level(threshold, probability, *samples, acceptance, scale)
+    return Level(threshold, probability, *samples, accepted / (n - len(seeds)), scale)
 
 
 def run_in_lockstep(

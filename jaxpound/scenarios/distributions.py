@@ -18,6 +18,10 @@ from jaxpound._errors import InvalidInput, warn
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import Checked, parameter, part
 
+RARE = 1e-6  # probability of each tail that ``reach`` leaves out
+_LEAST = 0.1  # smallest probability of a distribution inside an interval that truncates it
+_UNSAID = 1e-3  # probability outside that is not worth a word: errors of sampling are larger
+
 
 @runtime_checkable
 class Distribution(Protocol):
@@ -164,9 +168,6 @@ def density(distribution: Distribution, x: ArrayLike) -> np.ndarray:
     return np.where(inside, values, 0.0).reshape(np.shape(x))
 
 
-RARE = 1e-6  # probability of each tail that ``reach`` leaves out
-
-
 def reach(distribution: Distribution) -> tuple[float, float]:
     """Interval of nearly all draws: the bounds, or the quantiles at ``RARE`` and 1 − ``RARE``."""
     if isinstance(distribution, Uniform):
@@ -187,10 +188,6 @@ def truncated(distribution: Distribution, z: Any, low: Any, high: Any) -> jax.Ar
     limits = jnp.finfo(p.dtype)
     x = distribution.from_normal(sign * ndtri(larger(smaller(p, 1 - limits.eps), limits.tiny)))
     return larger(smaller(x, high), low)
-
-
-_LEAST = 0.1  # smallest probability of a distribution inside an interval that truncates it
-_UNSAID = 1e-3  # probability outside that is not worth a word: errors of sampling are larger
 
 
 def require_inside(owner: str, name: str, distribution: Distribution, low: Any, high: Any) -> None:

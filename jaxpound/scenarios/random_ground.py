@@ -26,6 +26,8 @@ from jaxpound.scenarios.scenarios import NUMBER_BYTES
 
 # Kinds of quantity of a wavelet's parameters, whose names end with its number, as in ``period_2``.
 WAVELET_KINDS = {"amplitude": "length", "period": "time", "arrival": "time"}
+_PULSE = {name: rule for name, rule, _ in walk(Pulse, Parameter)}  # parameters of a pulse
+_POSITIVE = {name for name, rule in _PULSE.items() if rule.above == 0}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,10 +186,6 @@ class RandomRecord(Checked, GroundDraw):
         return number, 1.0 if self.factor is None else self.factor.from_normal(z[-1])
 
 
-_PULSE = {name: rule for name, rule, _ in walk(Pulse, Parameter)}  # parameters of a pulse
-_POSITIVE = {name for name, rule in _PULSE.items() if rule.above == 0}
-
-
 @dataclasses.dataclass(frozen=True)
 class RandomPulse(GroundDraw):
     """A near-fault velocity pulse of random parameters, independent of each other.
@@ -228,8 +226,9 @@ class RandomPulse(GroundDraw):
                 instance("RandomPulse", name, getattr(self, name), Distribution)
         fixed = {name: getattr(self, name) for name in _PULSE if name not in self._random()}
         Pulse(**dict.fromkeys(_PULSE, 1.0) | fixed, time_unit=self.time_unit)
-        for name in {*self._random()} & _POSITIVE:
-            require_inside("RandomPulse", name, getattr(self, name), SMALLEST, math.inf)
+        for name, x in self._random().items():
+            if name in _POSITIVE:
+                require_inside("RandomPulse", name, x, SMALLEST, math.inf)
 
     @property
     def dimension(self) -> int:
@@ -242,14 +241,11 @@ class RandomPulse(GroundDraw):
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """The random parameters, by name."""
-        drawn = {}
-        for name, x in zip(self._random(), z, strict=True):
-            distribution = getattr(self, name)
-            if name in _POSITIVE:
-                drawn[name] = truncated(distribution, x, SMALLEST, math.inf)
-            else:
-                drawn[name] = distribution.from_normal(x)
-        return drawn
+        return {
+            name: truncated(x, u, SMALLEST, math.inf) if name in _POSITIVE else x.from_normal(u)
+            for (name, x), u in zip(self._random().items(), z, strict=True)
+        }
 
-    def _random(self) -> list[str]:
-        return [name for name in _PULSE if isinstance(getattr(self, name), Distribution)]
+    def _random(self) -> dict[str, Distribution]:
+        values = {name: getattr(self, name) for name in _PULSE}
+        return {name: x for name, x in values.items() if isinstance(x, Distribution)}

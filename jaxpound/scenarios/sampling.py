@@ -18,8 +18,7 @@ import numpy as np
 from jaxpound._checks import is_whole
 from jaxpound._errors import InvalidInput
 
-Points = Callable[[int, int], np.ndarray]
-"""A function of start and stop: points start to stop − 1, shape (stop − start, d)."""
+Points = Callable[[int, int], np.ndarray]  # points start to stop − 1, shape (stop − start, d)
 
 _BITS = 30  # of a Sobol point's coordinate
 SAMPLINGS = {"plain": 2**31, "sobol": 2**30}  # kinds of points, and the largest number of each

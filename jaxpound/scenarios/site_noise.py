@@ -42,8 +42,7 @@ class Regression(NamedTuple):
     within: float
 
 
-# By the parameter of ``NonstationaryNoise``.
-REGRESSIONS = {
+REGRESSIONS = {  # by the parameter of ``NonstationaryNoise``
     "arias_intensity": Regression((-1.844, -0.071, 2.944, -1.356, -0.265), 0.274, 0.594),
     "duration": Regression((-6.195, -0.703, 6.792, 0.219, -0.523), 0.457, 0.569),
     "mid_time": Regression((-5.011, -0.345, 4.638, 0.348, -0.185), 0.511, 0.414),
@@ -52,8 +51,7 @@ REGRESSIONS = {
     "damping": Regression((-0.258, -0.477, 0.905, -0.289, 0.316), 0.682, 0.760),
 }
 
-# Of the errors of ν, in the same order.
-CORRELATIONS = (
+CORRELATIONS = (  # of the errors of ν, in the same order
     (1.00, -0.36, 0.01, -0.15, 0.13, -0.01),
     (-0.36, 1.00, 0.67, -0.13, -0.16, -0.20),
     (0.01, 0.67, 1.00, -0.28, -0.20, -0.22),

@@ -19,7 +19,7 @@ import stat
 import time
 import uuid
 import zipfile
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -158,9 +158,6 @@ def write_archive(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[s
 
 class Archive:
     """An open archive (see ``opened``). Any damage raises a ``DamagedError``."""
-
-    about: Any
-    names: Collection[str]
 
     def __init__(self, file: BinaryIO) -> None:
         self._file, self._size = file, os.fstat(file.fileno()).st_size

@@ -221,8 +221,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
             if len(text) > _LARGEST_MANIFEST:
                 raise archive.DamagedError("it is too large")
             content = json.loads(text)
-            checksum = content.pop("sha256", None)
-            intact = checksum == _checksum(content)
+            intact = content.pop("sha256", None) == _checksum(content)
     except (FileNotFoundError, NotADirectoryError):
         missing = "" if folder.is_dir() else f"; there is no folder {folder.absolute()}"
         raise ValueError(f"{owner} must be a folder with a {MANIFEST}{missing}") from None
@@ -308,8 +307,7 @@ def describe(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         listed = {f.name: f.metadata.get("listed", True) for f in dataclasses.fields(value)}
         kept = [k for k, x in listed.items() if x is True or (x and getattr(value, k))]
-        fields = {k: getattr(value, k) for k in kept}
-        return {"type": type(value).__name__, **describe(fields)}
+        return {"type": type(value).__name__, **describe({k: getattr(value, k) for k in kept})}
     if hasattr(value, "__qualname__"):
         return f"{value.__module__}.{value.__qualname__}"
     return type(value).__name__

@@ -127,8 +127,6 @@ class DemandColumns(Columnar, Shown):
         """Factor from a column to SI units."""
         return 1.0 if self.scales is None else float(self.scales.unit_of(self._quantity(name)))
 
-    # Weights.
-
     def weighted(self, weights: str | ArrayLike, *, normalised: bool = True) -> Self:
         """The same study with weights: importance samples, or stripes weighted by their hazard.
 
@@ -188,8 +186,6 @@ class DemandColumns(Columnar, Shown):
         for part in parts:
             yield part, np.ones(len(part)) if by is None else by[start : start + len(part)]
             start += len(part)
-
-    # Statistics.
 
     def moments(self, name: str) -> Moments:
         """Number, mean, standard deviation and extremes of a column, normalised with weights."""

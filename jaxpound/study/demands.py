@@ -37,8 +37,7 @@ def doubts(owner: str, scenarios: ScenarioSet, grid: TimeGrid) -> list[str]:
     findings: list[str] = []
 
     def look(z: jax.Array) -> None:
-        system = single_system(owner, scenarios.realize(z)[0])
-        findings.extend(imprecise(system, grid, z))
+        findings.extend(imprecise(single_system(owner, scenarios.realize(z)[0]), grid, z))
 
     jax.eval_shape(look, jnp.zeros(scenarios.dimension))
     return findings

@@ -103,8 +103,7 @@ class Fragility(Shown):
         """Probability of pounding at intensities ≥ 0 (else a ``ValueError``), of their shape."""
         im = _not_negative("Fragility.probability", intensity)
         with np.errstate(divide="ignore"):
-            z = np.log(im / self.median) / self.dispersion
-        return ndtr(z)
+            return ndtr(np.log(im / self.median) / self.dispersion)
 
     def band(
         self,
@@ -294,9 +293,6 @@ def grouped(im: np.ndarray, k: np.ndarray, most: int) -> tuple[np.ndarray, np.nd
     return centre, np.array([k[part].sum() for part in parts]), np.array([len(x) for x in parts])
 
 
-# Probit regression: maximum likelihood of a rising curve P = Φ(a + b z), fitted to counts.
-
-
 def _no_maximum(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
     """The reason why the likelihood of a rising curve has no maximum; empty if it has one."""
     if not k.any() or (k == n).all():
@@ -306,9 +302,8 @@ def _no_maximum(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
     pounding, safe = im[k > 0], im[k < n]
     if pounding.min() >= safe.max():
         return f"it always occurs above im = {safe.max():.6g} and never below"
-    z = np.log(im)
     # The likelihood rises with the slope at slope zero if and only if this covariance is positive.
-    if np.sum(z * (k - n * (k.sum() / n.sum()))) <= 0:
+    if np.sum(np.log(im) * (k - n * (k.sum() / n.sum()))) <= 0:
         return "it does not become more frequent as the intensity grows"
     return ""
 

@@ -144,7 +144,7 @@ def monte_carlo(
     """
     # Longer than other functions: the parts of a study, in their order, share a dozen values.
     owner = "monte_carlo"
-    _check(scenarios, n, grid, scheme, sampling, measures or {})
+    _check(scenarios, n, scheme, sampling, measures or {})
     findings = doubts(owner, scenarios, grid)
     structures = structures_of(scenarios)
     scales, pair = scales_for(owner, structures, scales), isinstance(structures, AdjacentStructures)
@@ -209,11 +209,10 @@ def _parts_in_memory(columns: Sequence[Columns], *names: str) -> list[np.ndarray
     return [in_rows(of_chunk, *names) for of_chunk in columns]
 
 
-def _check(scenarios: Any, n: Any, grid: Any, scheme: Any, sampling: Any, measures: Any) -> None:
+def _check(scenarios: Any, n: Any, scheme: Any, sampling: Any, measures: Any) -> None:
     owner = "monte_carlo"
     instance(owner, "scenarios", scenarios, ScenarioSet)
     count(owner, "scenarios.dimension", scenarios.dimension)
-    instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     instance(owner, "measures", measures, Mapping)
     most = require_sampling(owner, sampling)
@@ -240,10 +239,7 @@ def _chunks_of_shard(shard: Any, task: Task, in_memory: bool) -> range:
 
 
 def _context(task: Task, notes: Any) -> dict[str, Any]:
-    """Notes, and topology and oscillators of the structures in the median scenario, z = 0.
-
-    Oscillators are period and damping ratio of both blocks of a pair, uncoupled; else None.
-    """
+    """Notes and, at z = 0, the topology and (of a pair) period and damping ratio of each block."""
     owner = "monte_carlo"
     try:
         json.dumps(notes, allow_nan=False)

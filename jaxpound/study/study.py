@@ -101,8 +101,6 @@ class Study(DemandColumns):
         """Number of links."""
         return len(self.topology.links)
 
-    # Pounding.
-
     @property
     def checked_floors(self) -> str:
         """Of how many floors ``pounding`` tells, in words; empty if it is of all."""
@@ -161,8 +159,7 @@ class Study(DemandColumns):
                 raise InvalidInput("fragility", "demand", repr(demand), rule)
             column = self[demand]
             pounding = np.where(np.isnan(column), np.nan, column >= threshold)
-            si = self.scales is not None
-            event = event_in_words(demand, threshold, si, self.stored_topology)
+            event = event_in_words(demand, threshold, self.scales is not None, self.stored_topology)
         valid = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[valid]
         curve = fit_fragility(im[valid], pounding[valid] == 1, weights=weights)
@@ -194,8 +191,6 @@ class Study(DemandColumns):
             rule = "must have a finite gap, or it never pounds"
             raise InvalidInput(owner, "link", str(link), rule)
         return column
-
-    # Gaps.
 
     def required_gap(
         self, probability: float, confidence: float = 0.95, *, link: int | None = None
@@ -237,8 +232,6 @@ class Study(DemandColumns):
         rules = u1 + u2, srss(u1, u2), max(u1**2 + u2**2 - 2 * rho * u1 * u2, 0.0) ** 0.5
         return Separation(self.required_gap(probability, confidence), *rules, correlation=rho)
 
-    # Parameters.
-
     def parameters(self) -> dict[str, np.ndarray]:
         """The scenarios' parameters by name, shape (n,) each, from the columns or recomputed.
 
@@ -268,8 +261,6 @@ class Study(DemandColumns):
             name: correlation(x[valid], y[valid], weights, ranks=kind == "rank")
             for name, x in self.parameters().items()
         }
-
-    # Tables.
 
     def told(self) -> list[str]:
         """Columns that tables show: no parameters of scenarios, no slip without friction."""
