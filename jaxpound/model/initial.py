@@ -71,7 +71,6 @@ def initial_rules(initial: InitialState, system: System, dt: float) -> list[Rule
     for place, link in zip(link_places(system.topology), system.links, strict=True):
         if link.contact is not None:
             left = link.gap - elongation(link.ends, x)
-            holds = left > dt * elongation(link.ends, v)
             rule = "open, and stay so for a step: a law of contact starts apart"
-            rules.append(Rule(f"gap of {place}", left, holds, rule))
+            rules.append(Rule(f"gap of {place}", left, left > dt * elongation(link.ends, v), rule))
     return rules

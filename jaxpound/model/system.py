@@ -249,8 +249,7 @@ class System:
     def topology(self) -> Topology:
         """Number of masses, and the ends of rods and links."""
         rods = tuple(rod.ends for rod in self.rods if rod.ends is not None)
-        links = tuple(link.ends for link in self.links)
-        return Topology(len(self.masses), rods, links, self.tuned)
+        return Topology(len(self.masses), rods, tuple(link.ends for link in self.links), self.tuned)
 
 
 def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:
