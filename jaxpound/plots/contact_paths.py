@@ -102,10 +102,9 @@ def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
     for group in link_groups(topology):
         if any(links[k].contact for k in group.links):
             coupled, _ = coupling(topology, group, links, inverse, inerters)
-            pull = np.stack([pulls[k] for k in group.links], -1)
             closing = np.stack([elongation(links[k].ends, x) for k in group.links], -1)
             responses = [response.links[k] for k in group.links]
-            motion = response.time, closing, pull
+            motion = response.time, closing, np.stack([pulls[k] for k in group.links], -1)
             for m, points in _flows(motion, responses, coupled, group.faces):
                 steps |= {(k, m): points[:, :, j].T for j, k in enumerate(group.links)}
     return steps

@@ -163,8 +163,7 @@ def over_time(
     series = [curve.values for curve in curves]
     factor, words = series_axis(response, f"{words} {symbols}", quantity, series)
     for curve in curves:
-        times = response.time if curve.times is None else curve.times
-        draw_curve(ax, times, factor, curve)
+        draw_curve(ax, response.time if curve.times is None else curve.times, factor, curve)
     ax.margins(x=0)
     label(ax, time_label(response), words)
     if len(curves) > 1:

@@ -218,8 +218,7 @@ class _MovingLink:
         first, last = self._ends[0], self._ends[-1]
         if not self._inside:
             grip = 0.12 * first.width
-            x = [first.face(i, True) - grip, last.face(i, False) + grip]
-            return x, [first.high, last.high]
+            return [first.face(i, True) - grip, last.face(i, False) + grip], [first.high, last.high]
         inset, start, low = 0.14 * last.width, last.left, 0.0
         if first is not last:  # else the lower end is the ground
             start, low = first.face(i, False), first.high

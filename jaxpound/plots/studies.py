@@ -35,7 +35,6 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     """
     ax = new_axes(ax)
     gaps = study.finite("min_gap")
-    n = gaps.size
     low, high = np.quantile(gaps, [0.001, 1.0])
     low = min(low, 0.0)
     weights = _weights(study, "min_gap")
@@ -50,7 +49,7 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     ax.plot([], [], color="black", label="cumulative share")
     beyond = np.sum(gaps < low)
     if beyond:
-        ax.plot([], [], " ", label=f"further left: {beyond:,} of {n:,}")
+        ax.plot([], [], " ", label=f"further left: {beyond:,} of {gaps.size:,}")
     if "required_gap" in study.columns:
         stays = study.finite("required_gap") <= 0
         at_rest = float(np.average(stays, weights=_weights(study, "required_gap")))
