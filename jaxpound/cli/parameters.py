@@ -131,8 +131,7 @@ class Parameters:
         if of_law := [end.removeprefix(law) for end in ends if end.startswith(law)]:
             return f"must be a parameter of the law of {parts[2]}, which has {', '.join(of_law)}"
         links_have = "links have" if "*" in parts[1] else f"{parts[1][:-1]} has"
-        articles = {"gap": "a ", "damper": "a ", "inerter": "an "}
-        feature = articles.get(parts[2], "") + parts[2]
+        feature = {"gap": "a ", "damper": "a ", "inerter": "an "}.get(parts[2], "") + parts[2]
         return f"must be of a [[link]] with {feature}: {links_have} no {parts[2]}"
 
     def require_plausible(self, extremes: Sequence[tuple[str, str, Any]]) -> None:

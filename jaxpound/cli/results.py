@@ -81,8 +81,7 @@ def _of_building(
         building = jp.ShearBuilding((building,))
     else:
         by = jp.modes(jp.Row((in_units(building, 1.0, 1.0, 1.0),), tuple(links)))
-        columns = by.periods, by.damping_ratios, by.participation, by.overdamped
-        modes = [*zip(*columns, strict=True)]
+        modes = [*zip(by.periods, by.damping_ratios, by.participation, by.overdamped, strict=True)]
     heights = building.heights[: building.n_floors]
     storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
     above = slice(bearing is not None, None)  # storeys above bearings
