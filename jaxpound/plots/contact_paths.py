@@ -155,10 +155,7 @@ def _flows(
 def _advance(
     faces: tuple[int, ...], h: float, inputs: FlowInput, x: FlowState | None
 ) -> tuple[FlowState, jax.Array, jax.Array]:
-    """The state after a substep is tried, whether more follow, and the points as far as it went.
-
-    Without a state, the one in which the flow starts.
-    """
+    """The state after a substep is tried, whether more follow, and the points as far as it went."""
     zero = 0 * inputs.closing[0]
     local = LocalFlow(h, 0, faces, inputs, Clock(zero, zero, zero > 0))
     before, after = (local.start(),) * 2 if x is None else (x, local.advance(x))

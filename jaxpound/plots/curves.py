@@ -82,10 +82,7 @@ def touching(response: Response) -> list[LinkResponse]:
 
 
 def contacts(owner: str, response: Response) -> dict[int, tuple[Curve, ContactPath]]:
-    """Contact force of each link with a law of contact, by its number, and its path.
-
-    An ``InvalidInput`` if no link has one.
-    """
+    """Contact force and path of each link with a law of it; an ``InvalidInput`` if none has one."""
     if not (paths := followed_contacts(response)):
         raise InvalidInput(owner, "response", "", "must have a link with a law of contact")
     forces = [paths[k].force if k in paths else None for k in range(len(response.links))]
@@ -153,10 +150,7 @@ def over_time(
     curves: Sequence[Curve],
     symbol: str,
 ) -> Axes:
-    """Curves over time, in the unit for their largest number.
-
-    The axis has their labels where these are symbols, else the symbol.
-    """
+    """Curves over time, in the unit for the largest; the axis has their symbols, or ``symbol``."""
     ax = run_axes(response, ax)
     named = all(curve.label.startswith("$") for curve in curves)
     symbols = ", ".join(curve.label for curve in curves) if named else symbol

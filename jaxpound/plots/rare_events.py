@@ -70,10 +70,7 @@ def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | Non
 
 
 def _values(response: Response, series: Series) -> np.ndarray:
-    """A series of ``LimitState.series`` over the instants of a response.
-
-    Lengths are each mass's displacement, each link's closing and each link's gap at rest.
-    """
+    """A series of ``LimitState.series`` over the instants of a response."""
     terms: list[Any] = [rod.force for rod in response.rods]
     if series.kind == "acceleration":
         terms = list(response.absolute_accelerations)
