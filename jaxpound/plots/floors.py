@@ -339,8 +339,7 @@ def _draw_points(ax: Axes, values: np.ndarray, heights: np.ndarray, style: dict[
 
 def _over_height(ax: Axes, heights: np.ndarray, in_metres: bool) -> None:
     """The vertical axis: from the ground to the top floor."""
-    ax.set_ylabel("height (m)" if in_metres else "floor")
-    ax.set_ylim(0, 1.03 * heights[-1])
+    ax.set(ylabel="height (m)" if in_metres else "floor", ylim=(0, 1.03 * heights[-1]))
     drawing: Any = ax.figure
     rows = int(ax.get_position().height * drawing.get_size_inches()[1] * 4.0)  # per inch
     most, steps = min(max(rows, 2), 8), [1, 2, 3, 5, 10]

@@ -71,8 +71,7 @@ def _bars(rate: AnnualRate, parts: Deaggregation, ax: Axes | None) -> Axes:
     beyond = [(low, rate.ends[0]), (rate.ends[1], high)]
     for i, (start, end) in enumerate(x for x in beyond if x[0] < x[1]):
         ax.axvspan(start, end, label="_" if i else "beyond the hazard curve", **shade("residual"))
-    ax.set_xlim(low, high)
-    ax.set_xscale("log")
+    ax.set(xlim=(low, high), xscale="log")
     house.ratio_ticks(ax.xaxis)
     label(ax, parts.measure, "share of the rate (%)")
     house.legend(ax, columns=2, bottom=0.0)

@@ -60,8 +60,7 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     right = ax.twinx()
     order = np.argsort(gaps)
     right.plot(gaps[order], np.cumsum(weights[order]) / whole, color="black")
-    right.set_ylim(0, 1.05)
-    right.set_yticks([0, 0.5, 1])
+    right.set(ylim=(0, 1.05), yticks=[0, 0.5, 1])
     label(right, "", "cumulative share")
     right.grid(False)
     return ax
