@@ -72,8 +72,7 @@ def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[
             parameters.refuse(place, key)
         fitting = [x for x in matches if x == key or x not in table]
         several = [path for x in fitting for path in parameters.keys[x]]
-        above_0 = [path for path in several if float(get(parameters.nominal, path)) > 0]
-        if not above_0:
+        if not (above_0 := [path for path in several if float(get(parameters.nominal, path)) > 0]):
             raise refused(f"{place} {key}", "must be of a value above 0, for factors on it")
         for path in above_0:
             if path in by_path:

@@ -146,9 +146,7 @@ def summary(
             separation = study.separation(p)
             required_gap[str(p)] |= {rule: getattr(separation, rule) for rule in _RULES}
             correlation = separation.correlation
-    for name in study.told():
-        if name == "pounds":
-            continue
+    for name in (x for x in study.told() if x != "pounds"):
         moments, finite = study.moments(name), study.finite(name)
         if not finite.size and not is_pair(study):  # the gap of a damper without one
             continue

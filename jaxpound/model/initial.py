@@ -57,8 +57,7 @@ class InitialState:
         """Displacements and velocities of a system's masses; an ``InvalidInput`` for too few."""
         n = len(system.masses)
         for name in ("displacements", "velocities"):
-            values = getattr(self, name)
-            if len(values) not in (0, n):
+            if len(values := getattr(self, name)) not in (0, n):
                 rule = f"must be one number for each of {n} masses, or ()"
                 raise InvalidInput("initial", f"{name} of {len(values)} numbers", "", rule)
         return self.displacements or (0.0,) * n, self.velocities or (0.0,) * n

@@ -233,8 +233,7 @@ def floor_links(
     >>> [str(link) for link in dampers + contact]
     ['1–2, floor 1', '1–2, floor 2', '2–3, floor 1', '2–3, floor 2']
     """
-    buildings = as_tuple("floor_links", "buildings", buildings)
-    if len(buildings) < 2:
+    if len(buildings := as_tuple("floor_links", "buildings", buildings)) < 2:
         name = f"buildings, {len(buildings)} of them,"
         raise InvalidInput("floor_links", name, "", "must be two or more")
     kinds = (Storeys,) if isinstance(buildings[0], Storeys) else (ShearBuilding, Building)

@@ -122,8 +122,7 @@ OPPOSITE: Any = {"friction": 0.0, "damper": None, "velocity_friction": None, "in
 def check_link(link: Any, owner: str) -> None:
     """Check a link, or both faces of a link of two; errors name the owner."""
     for name in ("gap", "contact"):
-        value = getattr(link, name)
-        if isinstance(value, tuple) and len(value) != 2:
+        if isinstance(value := getattr(link, name), tuple) and len(value) != 2:
             rule = "must be two, (left, right), of a link of two faces"
             raise InvalidInput(owner, name, reprlib.repr(value), rule)
     if isinstance(link.contact, tuple) and not isinstance(link.gap, tuple):

@@ -234,8 +234,7 @@ class _Linear:
 
     def vibration(self, j: int, eigenvalues: np.ndarray) -> tuple[float, float, np.ndarray]:
         """Frequency, damping ratio and shape of mode j; of an overdamped one as it is steady."""
-        s = eigenvalues[j]
-        if np.isnan(s):
+        if np.isnan(s := eigenvalues[j]):
             omega, value, shape = self.steady(j)
             return omega, value.imag / value.real / 2, shape
         _, sizes, vectors = np.linalg.svd(self.stiffness(s)[0] + s**2 * np.eye(self.n))

@@ -97,8 +97,7 @@ def gaps_of(owner: str, response: Response) -> list[Curve]:
     """Gap of each link, NaN in runs without one; an ``InvalidInput`` if no link has one."""
     gaps = [np.asarray(link.gap) for link in response.links]
     finite = [None if np.isposinf(x).all() else np.where(np.isposinf(x), np.nan, x) for x in gaps]
-    curves = _of_links(r"$\xi$", response, finite)
-    if not curves:
+    if not (curves := _of_links(r"$\xi$", response, finite)):
         raise InvalidInput(owner, "response", "", "must have a link with a finite gap")
     return curves
 
@@ -208,8 +207,7 @@ def draw_loops(response: Response, ax: Axes | None, loops: Loops, numbers: Any =
 
 def run_axes(response: Response, ax: Axes | None) -> Axes:
     """The axes, or those of a new figure; an ``InvalidInput`` for an invalid run."""
-    invalid = np.ravel(~np.isfinite(response.demand.pga))
-    if invalid.any():
+    if (invalid := np.ravel(~np.isfinite(response.demand.pga))).any():
         several = f"{invalid.sum()} of {invalid.size} runs are"
         subject = several if invalid.size > 1 else "the run is"
         raise InvalidInput("plots", subject, "", "invalid (NaN)")

@@ -98,8 +98,7 @@ def landscape(
 
 def _variable_axis(design: Design, path: str, largest: float) -> tuple[float, str]:
     """Factor and name of a variable on an axis; in SI, of a design of ``Buildings``, its unit."""
-    scales = scales_for("landscape", design.space.nominal, None)
-    if scales is None:
+    if (scales := scales_for("landscape", design.space.nominal, None)) is None:
         return 1.0, house.parameter_name(path)
     return house.parameter_axis(path, scales, largest)
 
@@ -141,10 +140,8 @@ def before_and_after(
     share = np.arange(1, len(comparison) + 1) / len(comparison)
     for when, x, colour in columns:
         ax.step(factor * np.sort(x[name]), share, where="post", color=COLOURS[colour], label=when)
-    if name == "min_gap":
-        low = min(float(x[name].min()) for _, x, _ in columns)
-        if low <= 0:
-            ax.axvspan(1.05 * low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
+    if name == "min_gap" and (low := min(float(x[name].min()) for _, x, _ in columns)) <= 0:
+        ax.axvspan(1.05 * low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
     label(ax, words, "share of earthquakes")
     house.share_axis(ax, 3)
     return ax

@@ -248,15 +248,13 @@ def mode_shapes(
 
 def _runs(owner: str, floors: Any, kind: type) -> dict[str, Any]:
     """Runs by name, of the same buildings in the same units."""
-    runs = dict(floors) if isinstance(floors, Mapping) else {"": floors}
-    if not runs:
+    if not (runs := dict(floors) if isinstance(floors, Mapping) else {"": floors}):
         raise InvalidInput(owner, "floors", "", "must hold at least one run")
     descriptions = set()
     for name, demands in runs.items():
         place = f"floors[{name!r}]" if name else "floors"
         instance(owner, place, demands, kind)
-        buildings = [demands] if isinstance(demands, FloorDemands) else list(demands)
-        if not buildings:
+        if not (buildings := [demands] if isinstance(demands, FloorDemands) else list(demands)):
             raise InvalidInput(owner, place, "()", "must hold at least one building")
         for b, building in enumerate(buildings):
             number = "" if building is demands else f"[{b}]"
@@ -326,8 +324,7 @@ def _draw_line(ax: Axes, name: str, values: np.ndarray, heights: np.ndarray, sty
 
 def _draw_points(ax: Axes, values: np.ndarray, heights: np.ndarray, style: dict[str, Any]) -> None:
     """What acts on some floors only: a point for each, and a line from zero to it."""
-    loaded = values.any(0)
-    if not loaded.any():
+    if not (loaded := values.any(0)).any():
         return
     heights = heights[loaded]
     low, middle, high = np.quantile(values[:, loaded], _BAND, axis=0)

@@ -72,8 +72,7 @@ def row(
     """
     instance("row", "structures", structures, Structures)
     scales = scales_for("row", structures, scales)
-    system = structures.system()
-    if not is_known_and_single(system):
+    if not is_known_and_single(system := structures.system()):
         raise InvalidInput("row", "structures", "", "must be known and one row, not a batch")
     buildings = stacks(system.topology)
     heights = stack_heights("row", system.topology, elevations)

@@ -122,8 +122,7 @@ def friction_force(response: Response, ax: Axes | None = None) -> Axes:
     ax = curves.over_time(response, ax, "friction force", "force", lines, "$q$")
     if np.ndim(response.time) > 1 or len(lines) > 1:
         return ax
-    sticks = [(p.start, p.end - p.start) for p in response.phases() if p.kind == "stick"]
-    if sticks:
+    if sticks := [(p.start, p.end - p.start) for p in response.phases() if p.kind == "stick"]:
         across = ax.get_xaxis_transform()
         ax.broken_barh(sticks, (0, 1), transform=across, label="stick", **shade("stick"))
         house.legend(ax)

@@ -47,8 +47,7 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     label(ax, _axis(study, "min_gap")[1], "density (1/m)" if study.scales else "density")
 
     ax.plot([], [], color="black", label="cumulative share")
-    beyond = np.sum(gaps < low)
-    if beyond:
+    if beyond := np.sum(gaps < low):
         ax.plot([], [], " ", label=f"further left: {beyond:,} of {gaps.size:,}")
     if "required_gap" in study.columns:
         stays = study.finite("required_gap") <= 0
