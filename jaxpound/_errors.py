@@ -43,8 +43,7 @@ def renamed(owner: str, names: Mapping[str, str] | None = None) -> Iterator[None
     try:
         yield
     except InvalidInput as error:
-        name = (names or {}).get(error.name, error.name)
-        raise error.replaced(owner=owner, name=name) from error
+        raise error.replaced(owner=owner, name=(names or {}).get(error.name, error.name)) from error
 
 
 class PlausibilityWarning(UserWarning):

@@ -166,8 +166,7 @@ def part(*kinds: type, each: bool = False, traced: bool = False, **kwargs: Any) 
 
 def static(listed: Any = True, **kwargs: Any) -> Any:
     """A field that shapes the compiled program: hashed, never traced; ``listed`` as a label."""
-    metadata = {_ROLE: "static", "static": True, "listed": listed}
-    return dataclasses.field(metadata=metadata, **kwargs)
+    return dataclasses.field(metadata={_ROLE: "static", "static": True, "listed": listed}, **kwargs)
 
 
 def label(*, default: Any, listed: Any = True) -> Any:

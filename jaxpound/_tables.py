@@ -147,6 +147,4 @@ def _in_short(value: Any) -> str:
         first, *others = map(_in_short, (value[0], *value[1:][-1:]))
         between = [f"<{len(value) - 2} more>"] if len(value) > 2 else []
         return f"({', '.join([first, *between, *others])}{'' if others else ','})"
-    if isinstance(value, float | np.floating):
-        return f"{float(value):.6g}"
-    return reprlib.repr(value)
+    return f"{float(value):.6g}" if isinstance(value, float | np.floating) else reprlib.repr(value)

@@ -134,8 +134,7 @@ class Buildings:
 
         Links are in SI.
         """
-        units = mass, stiffness, frequency, length
-        buildings = tuple(in_units(x, *units) for x in self.buildings)
+        buildings = tuple(in_units(x, mass, stiffness, frequency, length) for x in self.buildings)
         return unchecked(Row, buildings=buildings, links=self.links)
 
 

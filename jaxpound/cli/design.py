@@ -195,8 +195,7 @@ def prepared(file: File, config: DesignConfig, paths: Sequence[Path] = ()) -> De
     parameters = Parameters(config.layout)
     space = design_space(place, config.variables, parameters)
     alone = {name: jp.Ensemble.of([record], grid) for name, record in shaking.items()}
-    tables = config.objective, config.limits, config.penalties
-    objective = priced(file.name, *tables, config.layout)
+    objective = priced(file.name, config.objective, config.limits, config.penalties, config.layout)
     return DesignTask(parameters, space, ensemble, alone, objective, grid)
 
 
@@ -239,8 +238,7 @@ def priced(
     for table, (kind, prices) in tables.items():
         for price, x in prices.items():
             place = f"{name}: [{table}] {price}"
-            rare = isinstance(x, AtMost) and x.probability is not None
-            gaps = [REQUIRED_GAP] if rare else []
+            gaps = [REQUIRED_GAP] if isinstance(x, AtMost) and x.probability is not None else []
             _require_price(f"{name}: [{table}]", price, [*allowed, *gaps], laws)
             number, *more = [x] if isinstance(x, float) else astuple(x)
             within = OF_DEMANDS[demands.kind_of(price)] if table == "limits" else _PENALTY

@@ -120,9 +120,8 @@ def write_report(
     tables: Mapping[str, str] | None = None,
 ) -> None:
     """Write a command's summary, its ``page``, tables (CSV by file name) and figures."""
-    pictures = images(figures, args.pdf)
     summary = {"summary.json": json_text(answers), "summary.md": page(title, parts, figures)}
-    write_files(args.out, {**summary, **(tables or {}), **pictures})
+    write_files(args.out, {**summary, **(tables or {}), **images(figures, args.pdf)})
 
 
 def json_safe(tree: Any) -> Any:

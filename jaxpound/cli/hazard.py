@@ -155,8 +155,7 @@ def run(args: argparse.Namespace) -> None:
     risk = combined(file, file.read(Lifetime))
     files.make_folder(args.out)
     parts: list[Any] = tables(risk)
-    for table in parts:
-        print(table.text())
+    print("\n".join(table.text() for table in parts))
 
     from jaxpound.plots import hazards, studies
     from jaxpound.plots.style import drawn

@@ -52,8 +52,7 @@ class IsolationSection(OfClass):
         """A building on the bearings, and its links, also those to the ground, face by face."""
         options: dict[str, Any] = {"number": number, "height": self.height}
         if (wall := self.wall) is not None:
-            law = wall.contact and wall.contact.model()
-            options["wall"] = jp.MoatWall(of_faces(wall.gap), law)
+            options["wall"] = jp.MoatWall(of_faces(wall.gap), wall.contact and wall.contact.model())
         with named("isolation:"):
             isolated, of_base = jp.isolated(building, self.model(), self.base_mass, **options)
         # What led to the ground leads to the base.

@@ -72,8 +72,7 @@ def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[
             parameters.refuse(place, key)
         fitting = [x for x in matches if x == key or x not in table]
         several = [path for x in fitting for path in parameters.keys[x]]
-        above_0 = [path for path in several if float(get(parameters.nominal, path)) > 0]
-        if not above_0:
+        if not (above_0 := [path for path in several if float(get(parameters.nominal, path)) > 0]):
             raise refused(f"{place} {key}", "must be of a value above 0, for factors on it")
         for path in above_0:
             if path in by_path:
@@ -131,8 +130,7 @@ class Parameters:
         if of_law := [end.removeprefix(law) for end in ends if end.startswith(law)]:
             return f"must be a parameter of the law of {parts[2]}, which has {', '.join(of_law)}"
         links_have = "links have" if "*" in parts[1] else f"{parts[1][:-1]} has"
-        articles = {"gap": "a ", "damper": "a ", "inerter": "an "}
-        feature = articles.get(parts[2], "") + parts[2]
+        feature = {"gap": "a ", "damper": "a ", "inerter": "an "}.get(parts[2], "") + parts[2]
         return f"must be of a [[link]] with {feature}: {links_have} no {parts[2]}"
 
     def require_plausible(self, extremes: Sequence[tuple[str, str, Any]]) -> None:

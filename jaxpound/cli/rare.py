@@ -140,8 +140,7 @@ def run(args: argparse.Namespace) -> None:
     with kept_search(args, "store", "", file.text.encode()):
         result = searched(file, config, state, args.store)
         if design is not None:
-            target = reached(file, *design, result, args.store)
-            result = result._replace(target=target)
+            result = result._replace(target=reached(file, *design, result, args.store))
         report_result(args, file, result)
 
 

@@ -107,8 +107,7 @@ def _bare(kind: Any) -> tuple[Any, dict[str, Any]]:
             annotations |= info.extra or {}
             info = info.type
             continue
-        types = [x for x in info.types if not isinstance(x, inspect.NoneType)]
-        if len(types) > 1:
+        if len(types := [x for x in info.types if not isinstance(x, inspect.NoneType)]) > 1:
             break
         (info,) = types
     return info, annotations

@@ -60,9 +60,8 @@ def run(args: argparse.Namespace) -> None:
     if "configuration" in (study.about["notes"] or {}):
         files.write_files(args.out, {"study.toml": study.about["notes"]["configuration"]})
     buildings = "buildings in a row" if answers["links"] else "two adjacent structures"
-    title = f"Monte Carlo study of {buildings}"
     parts = parts_of_page(answers, study.checked_floors)
-    files.write_report(args, answers, title, parts, figures)
+    files.write_report(args, answers, f"Monte Carlo study of {buildings}", parts, figures)
 
 
 def _axis(study: jp.Study, name: str) -> dict[str, Any]:
@@ -147,9 +146,7 @@ def summary(
             separation = study.separation(p)
             required_gap[str(p)] |= {rule: getattr(separation, rule) for rule in _RULES}
             correlation = separation.correlation
-    for name in study.told():
-        if name == "pounds":
-            continue
+    for name in (x for x in study.told() if x != "pounds"):
         moments, finite = study.moments(name), study.finite(name)
         if not finite.size and not is_pair(study):  # the gap of a damper without one
             continue

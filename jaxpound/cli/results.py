@@ -81,8 +81,7 @@ def _of_building(
         building = jp.ShearBuilding((building,))
     else:
         by = jp.modes(jp.Row((in_units(building, 1.0, 1.0, 1.0),), tuple(links)))
-        columns = by.periods, by.damping_ratios, by.participation, by.overdamped
-        modes = [*zip(*columns, strict=True)]
+        modes = [*zip(by.periods, by.damping_ratios, by.participation, by.overdamped, strict=True)]
     heights = building.heights[: building.n_floors]
     storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
     above = slice(bearing is not None, None)  # storeys above bearings
@@ -157,8 +156,7 @@ def _first_contact(response: jp.Response, link: int) -> float | None:
     if impacts := response.impacts(link):
         return impacts[0].time
     time, gap = np.asarray(response.time), np.asarray(response.links[link].gap)
-    closed = np.flatnonzero(gap <= 0)
-    if closed.size == 0:  # it opens again before the next instant
+    if (closed := np.flatnonzero(gap <= 0)).size == 0:  # it opens again before the next instant
         return float(response.demand.links[link].min_gap_time)
     around = [closed[0], max(closed[0] - 1, 0)]
     return float(np.interp(0.0, gap[around], time[around]))
@@ -233,8 +231,7 @@ def lines(results: dict[str, Any], checked_floors: str = "") -> list[str]:
         }
         tables.append(of_bearings)
     texts = [text for x in (*tables, _of_links(links)) if x for text in (table_of(x).text(), "")]
-    closable = [link for link in links if link["gap_m"] is not None]
-    if closable:
+    if closable := [link for link in links if link["gap_m"] is not None]:
         closest = min(closable, key=lambda link: link["min_gap_m"])
         smallest = f"{results['min_gap_m']:.4g} m at {results['min_gap_time_s']:.5g} s"
         words, by_law = f"no pounding{checked_floors}", closest["contact"] is not None
@@ -276,8 +273,7 @@ def _of_links(links: list[dict[str, Any]]) -> dict[str, list[Any]]:
             "offset left (m)": [link and link["residual_offset_m"] for link in slips],
             "took (kJ)": [link and link["damper_energy_J"] / 1e3 for link in slips],
         }
-    laws = [link["contact"] for link in links]
-    if any(laws):
+    if any(laws := [link["contact"] for link in links]):
         columns |= {
             "impacts": [law and int(law["n_impacts"]) for law in laws],
             # By Newton's law impacts have impulses, but no force.

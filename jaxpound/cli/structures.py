@@ -63,8 +63,7 @@ class Structured(Section, dict=True):
     def layout(self) -> BuildingsLayout:
         """The buildings and what is between them."""
         of_pair = [key for key in (*_OF_PAIR, "contact") if getattr(self, key) is not None]
-        of_row = [key for key in ("building", "link") if getattr(self, key) is not None]
-        if of_row:
+        if of_row := [key for key in ("building", "link") if getattr(self, key) is not None]:
             if of_pair:
                 first, second = (_WRITTEN.get(x, f"[{x}]") for x in (of_pair[0], of_row[0]))
                 rule = "these belong to two forms of a configuration, and a file has one"
@@ -120,8 +119,7 @@ class Shaken(Structured, kw_only=True):
             ground = table.motion(records, scales)
         run, shapes = f"{file.name}: [run]", table.shapes([*records, *recorded])
         longest = max((float(record.duration) for record in shapes), default=None)
-        duration = self.run.duration or longest
-        if duration is None:
+        if (duration := self.run.duration or longest) is None:
             raise ValueError(f"{run} lacks the key 'duration'")
         system = self.structures, scales, self.scheme
         shortest = min((float(record.dt) for record in shapes), default=float("inf"))

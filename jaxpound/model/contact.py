@@ -120,8 +120,7 @@ def _affine_results(program: Jaxpr, varies: list[bool]) -> list[bool] | None:
             continue
         name, results = step.primitive.name, [True] * len(step.outvars)
         if name == "jit":
-            inner = _affine_results(step.params["jaxpr"].jaxpr, arguments)
-            if inner is None:
+            if (inner := _affine_results(step.params["jaxpr"].jaxpr, arguments)) is None:
                 return None
             results = inner
         elif not _is_linear_step(name, arguments):

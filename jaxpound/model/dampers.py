@@ -101,8 +101,7 @@ class Dashpot(NamedTuple):
         size = jnp.abs(force)
         # Not 1 over the size: a power of it may overflow, and 0 times its derivative is NaN.
         share = jnp.where(size > 0, size / jnp.where(self.size > 0, self.size, 1.0), 1.0)
-        way = jnp.sign(force) * self.way * share**self.power
-        return jnp.where(size > 0, way, 0.0)
+        return jnp.where(size > 0, jnp.sign(force) * self.way * share**self.power, 0.0)
 
     def _solved(self, whole: Any, share: float) -> tuple[Any, Any]:
         """The force f over K for which f and what the dashpot moves in a share of a step is whole.

@@ -57,8 +57,7 @@ class InitialState:
         """Displacements and velocities of a system's masses; an ``InvalidInput`` for too few."""
         n = len(system.masses)
         for name in ("displacements", "velocities"):
-            values = getattr(self, name)
-            if len(values) not in (0, n):
+            if len(values := getattr(self, name)) not in (0, n):
                 rule = f"must be one number for each of {n} masses, or ()"
                 raise InvalidInput("initial", f"{name} of {len(values)} numbers", "", rule)
         return self.displacements or (0.0,) * n, self.velocities or (0.0,) * n
@@ -71,7 +70,6 @@ def initial_rules(initial: InitialState, system: System, dt: float) -> list[Rule
     for place, link in zip(link_places(system.topology), system.links, strict=True):
         if link.contact is not None:
             left = link.gap - elongation(link.ends, x)
-            holds = left > dt * elongation(link.ends, v)
             rule = "open, and stay so for a step: a law of contact starts apart"
-            rules.append(Rule(f"gap of {place}", left, holds, rule))
+            rules.append(Rule(f"gap of {place}", left, left > dt * elongation(link.ends, v), rule))
     return rules

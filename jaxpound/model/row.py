@@ -186,9 +186,8 @@ class Row:
             between = {name: getattr(x, name) for name in BETWEEN}
             links.append(unchecked(Link, ends=_ends(x, starts), **between))
         kept, dampers = without_dampers(links)
-        all_rods = (*rods, *dampers)
         return unchecked(
-            System, masses=tuple(masses), rods=all_rods, links=kept, tuned=tuple(tuned)
+            System, masses=tuple(masses), rods=(*rods, *dampers), links=kept, tuned=tuple(tuned)
         )
 
 
@@ -234,8 +233,7 @@ def floor_links(
     >>> [str(link) for link in dampers + contact]
     ['1–2, floor 1', '1–2, floor 2', '2–3, floor 1', '2–3, floor 2']
     """
-    buildings = as_tuple("floor_links", "buildings", buildings)
-    if len(buildings) < 2:
+    if len(buildings := as_tuple("floor_links", "buildings", buildings)) < 2:
         name = f"buildings, {len(buildings)} of them,"
         raise InvalidInput("floor_links", name, "", "must be two or more")
     kinds = (Storeys,) if isinstance(buildings[0], Storeys) else (ShearBuilding, Building)
@@ -401,6 +399,5 @@ def require_heights(
         if (link.floor, link.other_floor) not in common_floors(left, right):
             ends = (left, link.floor), (right, link.other_floor)
             low, high = (np.cumsum(building.heights)[floor] for building, floor in ends)
-            name = f"{link}, at {low:g} m and {high:g} m,"
             rule = "must be at one height; next_floor says which floor is meant where none is"
-            raise labels.invalid(k, name, "", rule)
+            raise labels.invalid(k, f"{link}, at {low:g} m and {high:g} m,", "", rule)

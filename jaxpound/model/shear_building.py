@@ -70,8 +70,7 @@ class ShearBuilding:
     def __post_init__(self) -> None:
         owner, heights = "ShearBuilding", cast("Any", self.heights)
         object.__setattr__(self, "storeys", as_tuple(owner, "storeys", self.storeys))
-        n = len(self.storeys)
-        if not n:
+        if not (n := len(self.storeys)):
             raise InvalidInput(owner, "storeys", "()", "must hold at least one storey")
         require_tuned(owner, self.n_tuned, n)
         heights = (heights,) * n if np.ndim(heights) == 0 else as_tuple(owner, "heights", heights)
@@ -273,8 +272,7 @@ class ShearBuilding:
         """
         owner = "ShearBuilding.yielding"
         strengths = zip(STRENGTHS, (yield_force, base_shear_coefficient, yield_drift), strict=True)
-        stated = {name: x for name, x in strengths if x is not None}
-        if len(stated) != 1:
+        if len(stated := {name: x for name, x in strengths if x is not None}) != 1:
             name = f"a strength by {' and '.join(stated) or 'nothing'}"
             raise InvalidInput(owner, name, "", f"must be by one of {', '.join(STRENGTHS)}")
         ((name, value),), n = stated.items(), self.n_floors
@@ -359,8 +357,7 @@ def _each(owner: str, name: str, value: Any, n: int) -> tuple[Any, ...]:
     """A number for each of n storeys, from a list or from one number for all."""
     if not isinstance(value, Sequence) and jnp.ndim(value) == 0:
         return (value,) * n
-    listed = as_tuple(owner, name, value)
-    if len(listed) != n:
+    if len(listed := as_tuple(owner, name, value)) != n:
         rule = f"must be {n}, a number for each storey, or one for all"
         raise InvalidInput(owner, f"{name}, {len(listed)} of them,", "", rule)
     return listed

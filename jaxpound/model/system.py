@@ -122,8 +122,7 @@ OPPOSITE: Any = {"friction": 0.0, "damper": None, "velocity_friction": None, "in
 def check_link(link: Any, owner: str) -> None:
     """Check a link, or both faces of a link of two; errors name the owner."""
     for name in ("gap", "contact"):
-        value = getattr(link, name)
-        if isinstance(value, tuple) and len(value) != 2:
+        if isinstance(value := getattr(link, name), tuple) and len(value) != 2:
             rule = "must be two, (left, right), of a link of two faces"
             raise InvalidInput(owner, name, reprlib.repr(value), rule)
     if isinstance(link.contact, tuple) and not isinstance(link.gap, tuple):
@@ -249,8 +248,7 @@ class System:
     def topology(self) -> Topology:
         """Number of masses, and the ends of rods and links."""
         rods = tuple(rod.ends for rod in self.rods if rod.ends is not None)
-        links = tuple(link.ends for link in self.links)
-        return Topology(len(self.masses), rods, links, self.tuned)
+        return Topology(len(self.masses), rods, tuple(link.ends for link in self.links), self.tuned)
 
 
 def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:

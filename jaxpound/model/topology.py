@@ -50,8 +50,7 @@ def faces(topology: Topology) -> dict[int, int]:
     """The links that are the other face of a link before them, and of which."""
     first, opposite = dict[Ends, int](), dict[int, int]()
     for k, ends in enumerate(topology.links):
-        link = first.get(ends[::-1])
-        if link is not None and link not in opposite.values():
+        if (link := first.get(ends[::-1])) is not None and link not in opposite.values():
             opposite[k] = link
         else:
             first.setdefault(ends, k)
@@ -65,10 +64,7 @@ def is_storey(ends: Ends) -> bool:
 
 @cache
 def storey_rods(topology: Topology) -> tuple[int, ...]:
-    """The rods that are storeys: not those between masses that rods before tie to the ground.
-
-    Nor are those of tuned masses.
-    """
+    """Rods that are storeys: not of tuned masses, nor of masses that rods before tie to ground."""
     _, tree = joined_ends(topology.n_masses, topology.rods)
     return tuple(r for r in tree if not {*topology.rods[r]} & {*topology.tuned})
 

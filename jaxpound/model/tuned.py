@@ -146,10 +146,8 @@ class _FirstMode:
         tuning = 1 / (1 + ratio) if frequency is None else frequency
         damping = jnp.sqrt(3 * ratio / (8 * (1 + ratio))) if damping is None else damping
         tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
-        names = {"mass": "mass_ratio: mass", "period": "frequency_ratio: period"}
-        with renamed(owner, names):
+        with renamed(owner, {"mass": "mass_ratio: mass", "period": "frequency_ratio: period"}):
             both = Building.from_period(mass + inertance, self.period / tuning, damping, order=1.0)
             top = dataclasses.replace(both, mass=mass)
         storeys, heights = self.frame.storeys, self.frame.heights
-        n_tuned = self.frame.n_tuned + 1
-        return ShearBuilding((*storeys, top), (*heights, heights[-1] / 2), n_tuned)
+        return ShearBuilding((*storeys, top), (*heights, heights[-1] / 2), self.frame.n_tuned + 1)

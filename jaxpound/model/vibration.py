@@ -71,11 +71,10 @@ class Modes(Shown):
     def _tables(self) -> list[TextTable]:
         columns = self.frequencies, self.periods, self.damping_ratios, self.participation
         names = [f"{j}{', overdamped' * x}" for j, x in enumerate(self.overdamped.tolist(), 1)]
-        rows = [*zip(names, *columns, strict=True)]
         frequency, period = "rad/s" if self.si else "ω1", unit("time", self.si)
         times = f"frequency ({frequency})", f"period ({period})"
         heading = ("mode", *times, "damping ratio", "share of mass")
-        return [TextTable("Modes", heading, rows, digits=4)]
+        return [TextTable("Modes", heading, [*zip(names, *columns, strict=True)], digits=4)]
 
 
 def modes(structures: Structures) -> Modes:
@@ -235,12 +234,10 @@ class _Linear:
 
     def vibration(self, j: int, eigenvalues: np.ndarray) -> tuple[float, float, np.ndarray]:
         """Frequency, damping ratio and shape of mode j; of an overdamped one as it is steady."""
-        s = eigenvalues[j]
-        if np.isnan(s):
+        if np.isnan(s := eigenvalues[j]):
             omega, value, shape = self.steady(j)
             return omega, value.imag / value.real / 2, shape
-        matrix = self.stiffness(s)[0] + s**2 * np.eye(self.n)
-        _, sizes, vectors = np.linalg.svd(matrix)
+        _, sizes, vectors = np.linalg.svd(self.stiffness(s)[0] + s**2 * np.eye(self.n))
         equal = np.sum(abs(eigenvalues[:j] - s) <= 1e-6 * abs(s))  # modes before it
         independent = max(1, np.sum(sizes <= 1e-6 * sizes[0]))
         shape = vectors[-1 - min(equal, independent - 1)].conj()

@@ -102,10 +102,9 @@ def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
     for group in link_groups(topology):
         if any(links[k].contact for k in group.links):
             coupled, _ = coupling(topology, group, links, inverse, inerters)
-            pull = np.stack([pulls[k] for k in group.links], -1)
             closing = np.stack([elongation(links[k].ends, x) for k in group.links], -1)
             responses = [response.links[k] for k in group.links]
-            motion = response.time, closing, pull
+            motion = response.time, closing, np.stack([pulls[k] for k in group.links], -1)
             for m, points in _flows(motion, responses, coupled, group.faces):
                 steps |= {(k, m): points[:, :, j].T for j, k in enumerate(group.links)}
     return steps
@@ -156,10 +155,7 @@ def _flows(
 def _advance(
     faces: tuple[int, ...], h: float, inputs: FlowInput, x: FlowState | None
 ) -> tuple[FlowState, jax.Array, jax.Array]:
-    """The state after a substep is tried, whether more follow, and the points as far as it went.
-
-    Without a state, the one in which the flow starts.
-    """
+    """The state after a substep is tried, whether more follow, and the points as far as it went."""
     zero = 0 * inputs.closing[0]
     local = LocalFlow(h, 0, faces, inputs, Clock(zero, zero, zero > 0))
     before, after = (local.start(),) * 2 if x is None else (x, local.advance(x))

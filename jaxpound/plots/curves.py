@@ -82,10 +82,7 @@ def touching(response: Response) -> list[LinkResponse]:
 
 
 def contacts(owner: str, response: Response) -> dict[int, tuple[Curve, ContactPath]]:
-    """Contact force of each link with a law of contact, by its number, and its path.
-
-    An ``InvalidInput`` if no link has one.
-    """
+    """Contact force and path of each link with a law of it; an ``InvalidInput`` if none has one."""
     if not (paths := followed_contacts(response)):
         raise InvalidInput(owner, "response", "", "must have a link with a law of contact")
     forces = [paths[k].force if k in paths else None for k in range(len(response.links))]
@@ -100,8 +97,7 @@ def gaps_of(owner: str, response: Response) -> list[Curve]:
     """Gap of each link, NaN in runs without one; an ``InvalidInput`` if no link has one."""
     gaps = [np.asarray(link.gap) for link in response.links]
     finite = [None if np.isposinf(x).all() else np.where(np.isposinf(x), np.nan, x) for x in gaps]
-    curves = _of_links(r"$\xi$", response, finite)
-    if not curves:
+    if not (curves := _of_links(r"$\xi$", response, finite)):
         raise InvalidInput(owner, "response", "", "must have a link with a finite gap")
     return curves
 
@@ -153,18 +149,14 @@ def over_time(
     curves: Sequence[Curve],
     symbol: str,
 ) -> Axes:
-    """Curves over time, in the unit for their largest number.
-
-    The axis has their labels where these are symbols, else the symbol.
-    """
+    """Curves over time, in the unit for the largest; the axis has their symbols, or ``symbol``."""
     ax = run_axes(response, ax)
     named = all(curve.label.startswith("$") for curve in curves)
     symbols = ", ".join(curve.label for curve in curves) if named else symbol
     series = [curve.values for curve in curves]
     factor, words = series_axis(response, f"{words} {symbols}", quantity, series)
     for curve in curves:
-        times = response.time if curve.times is None else curve.times
-        draw_curve(ax, times, factor, curve)
+        draw_curve(ax, response.time if curve.times is None else curve.times, factor, curve)
     ax.margins(x=0)
     label(ax, time_label(response), words)
     if len(curves) > 1:
@@ -215,8 +207,7 @@ def draw_loops(response: Response, ax: Axes | None, loops: Loops, numbers: Any =
 
 def run_axes(response: Response, ax: Axes | None) -> Axes:
     """The axes, or those of a new figure; an ``InvalidInput`` for an invalid run."""
-    invalid = np.ravel(~np.isfinite(response.demand.pga))
-    if invalid.any():
+    if (invalid := np.ravel(~np.isfinite(response.demand.pga))).any():
         several = f"{invalid.sum()} of {invalid.size} runs are"
         subject = several if invalid.size > 1 else "the run is"
         raise InvalidInput("plots", subject, "", "invalid (NaN)")

@@ -98,8 +98,7 @@ def landscape(
 
 def _variable_axis(design: Design, path: str, largest: float) -> tuple[float, str]:
     """Factor and name of a variable on an axis; in SI, of a design of ``Buildings``, its unit."""
-    scales = scales_for("landscape", design.space.nominal, None)
-    if scales is None:
+    if (scales := scales_for("landscape", design.space.nominal, None)) is None:
         return 1.0, house.parameter_name(path)
     return house.parameter_axis(path, scales, largest)
 
@@ -121,8 +120,7 @@ def _violation_with_the_design(
     x_design = np.clip(design.values[drawn.x], x[0], x[-1])
     y_design = np.clip(design.values[drawn.y], y[0], y[-1])
     x, y = np.union1d(x, x_design), np.union1d(y, y_design)
-    places = np.meshgrid(even(drawn.y, y), even(drawn.x, x), indexing="ij")
-    violation = between(tuple(places))
+    violation = between(tuple(np.meshgrid(even(drawn.y, y), even(drawn.x, x), indexing="ij")))
     limits = design.objective_function.limits.items()
     at_design = [limit.limited(design.prices[name]) / limit.bound - 1 for name, limit in limits]
     violation[np.searchsorted(y, y_design), np.searchsorted(x, x_design)] = max(at_design)
@@ -141,12 +139,9 @@ def before_and_after(
     factor, words = house.demand_axis(name, comparison.si, largest, comparison.topology)
     share = np.arange(1, len(comparison) + 1) / len(comparison)
     for when, x, colour in columns:
-        ranked = factor * np.sort(x[name])
-        ax.step(ranked, share, where="post", color=COLOURS[colour], label=when)
-    if name == "min_gap":
-        low = min(float(x[name].min()) for _, x, _ in columns)
-        if low <= 0:
-            ax.axvspan(1.05 * low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
+        ax.step(factor * np.sort(x[name]), share, where="post", color=COLOURS[colour], label=when)
+    if name == "min_gap" and (low := min(float(x[name].min()) for _, x, _ in columns)) <= 0:
+        ax.axvspan(1.05 * low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
     label(ax, words, "share of earthquakes")
     house.share_axis(ax, 3)
     return ax

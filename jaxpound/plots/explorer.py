@@ -79,10 +79,9 @@ class _Panel:
             for name, (symbol, colour) in spec.lines.items()
         }
         self._moving: list[Any] = list(self.lines.values())
-        across = ax.get_xaxis_transform()
         self._stick = self._lowest = None
         if "friction" in spec.lines:
-            self._stick = PolyCollection([], transform=across, **shade("stick"))
+            self._stick = PolyCollection([], transform=ax.get_xaxis_transform(), **shade("stick"))
             ax.add_collection(self._stick, autolim=False)
             ax.fill_between([], [], label="stick", **shade("stick"))
             self._moving.insert(0, self._stick)

@@ -248,15 +248,13 @@ def mode_shapes(
 
 def _runs(owner: str, floors: Any, kind: type) -> dict[str, Any]:
     """Runs by name, of the same buildings in the same units."""
-    runs = dict(floors) if isinstance(floors, Mapping) else {"": floors}
-    if not runs:
+    if not (runs := dict(floors) if isinstance(floors, Mapping) else {"": floors}):
         raise InvalidInput(owner, "floors", "", "must hold at least one run")
     descriptions = set()
     for name, demands in runs.items():
         place = f"floors[{name!r}]" if name else "floors"
         instance(owner, place, demands, kind)
-        buildings = [demands] if isinstance(demands, FloorDemands) else list(demands)
-        if not buildings:
+        if not (buildings := [demands] if isinstance(demands, FloorDemands) else list(demands)):
             raise InvalidInput(owner, place, "()", "must hold at least one building")
         for b, building in enumerate(buildings):
             number = "" if building is demands else f"[{b}]"
@@ -326,8 +324,7 @@ def _draw_line(ax: Axes, name: str, values: np.ndarray, heights: np.ndarray, sty
 
 def _draw_points(ax: Axes, values: np.ndarray, heights: np.ndarray, style: dict[str, Any]) -> None:
     """What acts on some floors only: a point for each, and a line from zero to it."""
-    loaded = values.any(0)
-    if not loaded.any():
+    if not (loaded := values.any(0)).any():
         return
     heights = heights[loaded]
     low, middle, high = np.quantile(values[:, loaded], _BAND, axis=0)
@@ -339,8 +336,7 @@ def _draw_points(ax: Axes, values: np.ndarray, heights: np.ndarray, style: dict[
 
 def _over_height(ax: Axes, heights: np.ndarray, in_metres: bool) -> None:
     """The vertical axis: from the ground to the top floor."""
-    ax.set_ylabel("height (m)" if in_metres else "floor")
-    ax.set_ylim(0, 1.03 * heights[-1])
+    ax.set(ylabel="height (m)" if in_metres else "floor", ylim=(0, 1.03 * heights[-1]))
     drawing: Any = ax.figure
     rows = int(ax.get_position().height * drawing.get_size_inches()[1] * 4.0)  # per inch
     most, steps = min(max(rows, 2), 8), [1, 2, 3, 5, 10]

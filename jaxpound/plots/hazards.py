@@ -25,8 +25,7 @@ def hazard_curve(hazard: HazardCurve, ax: Axes | None = None) -> Axes:
     im, rate = hazard.intensity, hazard.annual_rate
     ax.plot(im, rate, "o-", color=COLOURS["ground"], markersize=2.5, label="hazard")
     for p, words, style in ((0.1, "10 % in 50 years", "--"), (0.02, "2 % in 50 years", ":")):
-        level = rate_of("hazard_curve", p, 50.0)
-        if rate[-1] <= level <= rate[0]:
+        if rate[-1] <= (level := rate_of("hazard_curve", p, 50.0)) <= rate[0]:
             line: Any = {"color": COLOURS["residual"], "linestyle": style, "linewidth": 0.9}
             ax.axhline(level, label=words, **line)
     ax.set(xscale="log", yscale="log")
@@ -61,8 +60,7 @@ def _bars(rate: AnnualRate, parts: Deaggregation, ax: Axes | None) -> Axes:
     digits, exponent = f"{rate.value:.1e}".split("e")
     words = rf"{rate.event}, $\lambda = {digits} \times 10^{{{int(exponent)}}}$ per year"
     ax.bar(parts.edges[:-1], share, np.diff(parts.edges), align="edge", label=words, **style)
-    estimated = np.isfinite(parts.cov)
-    if estimated.any():
+    if (estimated := np.isfinite(parts.cov)).any():
         centre = np.sqrt(parts.edges[1:] * parts.edges[:-1])[estimated]
         spread = (share * parts.cov)[estimated]
         off = np.minimum(spread, share[estimated]), spread
@@ -71,8 +69,7 @@ def _bars(rate: AnnualRate, parts: Deaggregation, ax: Axes | None) -> Axes:
     beyond = [(low, rate.ends[0]), (rate.ends[1], high)]
     for i, (start, end) in enumerate(x for x in beyond if x[0] < x[1]):
         ax.axvspan(start, end, label="_" if i else "beyond the hazard curve", **shade("residual"))
-    ax.set_xlim(low, high)
-    ax.set_xscale("log")
+    ax.set(xlim=(low, high), xscale="log")
     house.ratio_ticks(ax.xaxis)
     label(ax, parts.measure, "share of the rate (%)")
     house.legend(ax, columns=2, bottom=0.0)

@@ -37,8 +37,7 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
         name = {0.16: "16 and 84 %", 0.5: "median"}.get(share, "_84 %")
         ax.plot(curve, im, style, color=COLOURS["damper"], label=name)
     ax.axvline(limit, color=COLOURS["limit"], linewidth=0.9, label="threshold")
-    capacities = analysis.capacities[np.isfinite(analysis.capacities)]
-    if capacities.size:
+    if (capacities := analysis.capacities[np.isfinite(analysis.capacities)]).size:
         dots = np.full(capacities.size, limit)
         ax.plot(dots, capacities, "o", color=COLOURS["limit"], markersize=3, label="first reached")
     low, high = min(0.0, demands.min()), min(demands.max(), max(3 * limit, unit * shares.max()))

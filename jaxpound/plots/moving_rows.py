@@ -68,12 +68,10 @@ class Scene:
         storey = min(least, 0.8 * (right + 2 * reach) * lowest / top)
         scale, slab = storey / lowest, 0.22 * storey
 
-        ax.set_xlim(-reach - 0.1 * w, right + reach + 0.1 * w)
+        low, far = -reach - 0.1 * w, right + reach + 0.1 * w
         deep, high = 0.12 * w, scale * top + slab
-        ax.set_ylim(-3.5 * deep, high + 3.0 * deep)
-        ax.set_aspect("equal")
+        ax.set(xlim=(low, far), ylim=(-3.5 * deep, high + 3.0 * deep), aspect="equal")
         ax.set_axis_off()
-        low, far = ax.get_xlim()
         ax.add_patch(Rectangle((low, -deep), far - low, deep, facecolor="0.8", linewidth=0))
         self._floors: dict[int, _Floor] = {}
         for b, (building, ups) in enumerate(zip(buildings, heights, strict=True)):
@@ -113,8 +111,7 @@ class Scene:
         elif len(self._links) == 1 and self._links[0].has_damper:
             sticks = self._links[0].sticks(i)
             words, colour = f"damper: {'stick' if sticks else 'slip'}", _DAMPER[sticks]
-        self._words.set_text(words)
-        self._words.set_color(COLOURS[colour])
+        self._words.set(text=words, color=COLOURS[colour])
 
 
 class _Floor:
@@ -128,8 +125,7 @@ class _Floor:
         (self.left, self.low), (self.width, slab) = corner, size
         self.high = self.low + slab
         self._extensions = [0.0, 0.0]  # to the left and to the right
-        self._body = Rectangle(corner, *size, facecolor=colour, alpha=0.8)
-        ax.add_patch(self._body)
+        self._body = ax.add_patch(Rectangle(corner, *size, facecolor=colour, alpha=0.8))
         self._columns = [ax.plot([], [], color=colour, linewidth=1.8)[0] for _ in range(2)]
 
     def reach_out(self, by: float, to_the_right: bool) -> None:
@@ -144,8 +140,7 @@ class _Floor:
 
     def show(self, i: int, time: float) -> None:
         left = self.face(i, False)
-        self._body.set_x(left)
-        self._body.set_width(self.face(i, True) - left)
+        self._body.set(x=left, width=self.face(i, True) - left)
         below = self._below
         base, start = (0.0, 0.0) if below is None else (below.high, float(below.x[i]))
         s = np.linspace(0, 1, 12)
@@ -197,8 +192,7 @@ class _MovingLink:
         x, y = self._span(i)
         self._line.set_data(x, y)
         across, up = sum(x) / 2, sum(y) / 2
-        self._clamp.set_data([across], [up])
-        self._clamp.set_color(COLOURS[_DAMPER[self.sticks(i)]])
+        self._clamp.set(data=([across], [up]), color=COLOURS[_DAMPER[self.sticks(i)]])
         width, slab = self._ends[0].width, self._ends[0].high - self._ends[0].low
         start = x[0], up + 0.14 * width
         self._arrow.set_positions(start, (start[0] - self._pull[i], start[1]))
@@ -218,8 +212,7 @@ class _MovingLink:
         first, last = self._ends[0], self._ends[-1]
         if not self._inside:
             grip = 0.12 * first.width
-            x = [first.face(i, True) - grip, last.face(i, False) + grip]
-            return x, [first.high, last.high]
+            return [first.face(i, True) - grip, last.face(i, False) + grip], [first.high, last.high]
         inset, start, low = 0.14 * last.width, last.left, 0.0
         if first is not last:  # else the lower end is the ground
             start, low = first.face(i, False), first.high

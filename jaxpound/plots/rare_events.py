@@ -70,10 +70,7 @@ def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | Non
 
 
 def _values(response: Response, series: Series) -> np.ndarray:
-    """A series of ``LimitState.series`` over the instants of a response.
-
-    Lengths are each mass's displacement, each link's closing and each link's gap at rest.
-    """
+    """A series of ``LimitState.series`` over the instants of a response."""
     terms: list[Any] = [rod.force for rod in response.rods]
     if series.kind == "acceleration":
         terms = list(response.absolute_accelerations)
@@ -120,8 +117,7 @@ def probability_curve(
     estimates = np.array([event.estimate[:3] for event in ranked])
     ax.fill_between(at, estimates[:, 1], estimates[:, 2], label="95 % interval", **shade("damper"))
     ax.plot(at, estimates[:, 0], "o-", color=COLOURS["damper"], markersize=3, label="estimate")
-    form = np.array([event.form for event in ranked])
-    if np.isfinite(form).any():
+    if np.isfinite(form := np.array([event.form for event in ranked])).any():
         ax.plot(at, form, "--", color=COLOURS["residual"], label="by FORM")
     ax.set_yscale("log")
     label(ax, words, "probability of exceedance")

@@ -72,8 +72,7 @@ def spectra(
     ax = new_axes(ax)
     for i, (name, spectrum) in enumerate(zip(records, accelerations, strict=True)):
         cycles, place = divmod(i, len(house.CYCLE))
-        line = ("-", "--", ":")[cycles % 3]
-        ax.plot(t, spectrum, line, color=house.CYCLE[place], label=name)
+        ax.plot(t, spectrum, ("-", "--", ":")[cycles % 3], color=house.CYCLE[place], label=name)
     spectral_axes(ax, _in_seconds(first), damping)
     for name, period in (marks or {}).items():
         ax.axvline(period, color=COLOURS["residual"], linewidth=0.7, zorder=1)

@@ -72,8 +72,7 @@ def row(
     """
     instance("row", "structures", structures, Structures)
     scales = scales_for("row", structures, scales)
-    system = structures.system()
-    if not is_known_and_single(system):
+    if not is_known_and_single(system := structures.system()):
         raise InvalidInput("row", "structures", "", "must be known and one row, not a batch")
     buildings = stacks(system.topology)
     heights = stack_heights("row", system.topology, elevations)
@@ -187,8 +186,7 @@ def _building(ax: Axes, left: float, below: float, slab: float, colour: str, sto
     for up, in_floor, lines, share in storeys:
         under, columns = up - slab / 2, middle + np.array([-0.4, 0.4]) * share * _WIDTH
         ax.plot([columns, columns], [below, under], color=colour, linewidth=2.2)
-        corner = middle - share * _WIDTH / 2, under
-        ax.add_patch(Rectangle(corner, share * _WIDTH, slab, **style))
+        ax.add_patch(Rectangle((middle - share * _WIDTH / 2, under), share * _WIDTH, slab, **style))
         text_at(ax, middle, up, in_floor, colour)
         for i, (text, of_text) in enumerate(lines):
             at = below + (under - below) * (1 - (i + 0.5) / len(lines))

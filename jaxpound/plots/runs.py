@@ -122,8 +122,7 @@ def friction_force(response: Response, ax: Axes | None = None) -> Axes:
     ax = curves.over_time(response, ax, "friction force", "force", lines, "$q$")
     if np.ndim(response.time) > 1 or len(lines) > 1:
         return ax
-    sticks = [(p.start, p.end - p.start) for p in response.phases() if p.kind == "stick"]
-    if sticks:
+    if sticks := [(p.start, p.end - p.start) for p in response.phases() if p.kind == "stick"]:
         across = ax.get_xaxis_transform()
         ax.broken_barh(sticks, (0, 1), transform=across, label="stick", **shade("stick"))
         house.legend(ax)
@@ -198,8 +197,7 @@ def hysteresis(response: Response, kind: str = "rod", numbers: Any = None) -> Fi
     loops = _loops(kind, response)
     acting = [k for k, x in loops.curves.items() if np.any(x.values)] or [*loops.curves]
     evenly = np.linspace(0, len(acting) - 1, min(len(acting), 20)).round().astype(int)
-    every = [acting[i] for i in evenly]
-    numbers = curves.chosen(loops, every if numbers is None else numbers)
+    numbers = curves.chosen(loops, [acting[i] for i in evenly] if numbers is None else numbers)
     rows = -(-len(numbers) // 4)
     columns = -(-len(numbers) // rows)
     figure = house.new_figure(max(0.5 * columns, 1.0), 0.55 * rows + 0.25)
@@ -280,8 +278,7 @@ def overview(response: Response) -> Figure:
     drawings: list[Drawing] = [ground_motion, displacements]
     if any(link.has_damper for link in response.links):
         drawings.append(friction_force)
-    by_law = [x.peak_contact for x in response.demand.links if x.peak_contact is not None]
-    if np.any(by_law):
+    if np.any([x.peak_contact for x in response.demand.links if x.peak_contact is not None]):
         drawings.append(contact_force)
     if np.isfinite(response.min_gap).any():
         drawings.append(gap)

@@ -35,7 +35,6 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     """
     ax = new_axes(ax)
     gaps = study.finite("min_gap")
-    n = gaps.size
     low, high = np.quantile(gaps, [0.001, 1.0])
     low = min(low, 0.0)
     weights = _weights(study, "min_gap")
@@ -48,9 +47,8 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     label(ax, _axis(study, "min_gap")[1], "density (1/m)" if study.scales else "density")
 
     ax.plot([], [], color="black", label="cumulative share")
-    beyond = np.sum(gaps < low)
-    if beyond:
-        ax.plot([], [], " ", label=f"further left: {beyond:,} of {n:,}")
+    if beyond := np.sum(gaps < low):
+        ax.plot([], [], " ", label=f"further left: {beyond:,} of {gaps.size:,}")
     if "required_gap" in study.columns:
         stays = study.finite("required_gap") <= 0
         at_rest = float(np.average(stays, weights=_weights(study, "required_gap")))
@@ -61,8 +59,7 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     right = ax.twinx()
     order = np.argsort(gaps)
     right.plot(gaps[order], np.cumsum(weights[order]) / whole, color="black")
-    right.set_ylim(0, 1.05)
-    right.set_yticks([0, 0.5, 1])
+    right.set(ylim=(0, 1.05), yticks=[0, 0.5, 1])
     label(right, "", "cumulative share")
     right.grid(False)
     return ax

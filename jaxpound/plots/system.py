@@ -75,9 +75,8 @@ def mechanical_system(structures: AdjacentStructures | None = None, ax: Axes | N
         stiffnesses = _equation(r"\varepsilon = k_2/k_1", structures.stiffness_ratio)
         text_at(ax, 10, -1.75, f"{friction},  {gap}\n{masses},  {stiffnesses}", ink)
 
-    ax.set_xlim(-0.8, 20.8)
-    ax.set_ylim(-0.8 if structures is None else -2.7, 5.8)
-    ax.set_aspect("equal")
+    low = -0.8 if structures is None else -2.7
+    ax.set(xlim=(-0.8, 20.8), ylim=(low, 5.8), aspect="equal")
     ax.set_axis_off()
     return ax
 

@@ -106,8 +106,7 @@ def _contacts(link: LinkResponse, time: np.ndarray) -> list[tuple[float, float]]
         covered |= (begin <= ends[:, 1]) & (end >= ends[:, 0])
     unlisted = np.pad((np.asarray(link.touching) > 0) & ~covered, 1).astype(int)
     first, after = (np.flatnonzero(np.diff(unlisted) == 1), np.flatnonzero(np.diff(unlisted) == -1))
-    runs = zip(ends[first, 0].tolist(), ends[after - 1, 1].tolist(), strict=True)
-    return [*contacts, *runs]
+    return [*contacts, *zip(ends[first, 0].tolist(), ends[after - 1, 1].tolist(), strict=True)]
 
 
 def _split(phase: Phase, contacts: list[tuple[float, float]]) -> list[Phase]:

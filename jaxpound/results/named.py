@@ -113,8 +113,7 @@ def kind_and_symbol(name: str, topology: Topology | None = None) -> tuple[str | 
 
     Of any other column None and its own name.
     """
-    quantity = quantity_named(name)
-    if quantity is None or not quantity.symbol:
+    if (quantity := quantity_named(name)) is None or not quantity.symbol:
         return None, name.replace("_", " ")
     if topology and (topology.n_masses > 2 or len(topology.links) > 1) and name[-1].isdigit():
         return quantity.kind, re.sub(" (of .*)|(?<=,) ", r"\n\1", in_words(name, topology), count=1)
@@ -246,22 +245,21 @@ def value_of(owner: str, system: System, demand: Demand, spec: DemandSpec) -> An
         raise InvalidInput(owner, "structures", "", "must have a link whose gap is finite")
     if spec == OVERLAP:
         return -demand.min_gap
-    values = all_demands(system, demand)
-    if spec in values:
+    if spec in (values := all_demands(system, demand)):
         return values[spec]
     of_all = spec in (*OF_YIELDING, "collapsed")
     only = "yielding" if of_all else getattr(quantity_named(spec), "only", "")
     if needed := {"contact": "a contact law", "yielding": "a rod that yields"}.get(only):
         raise InvalidInput(owner, "demand", repr(spec), f"must be of structures with {needed}")
-    raise InvalidInput(owner, "", "", _unknown(reprlib.repr(spec), hint(spec, values)))
+    raise InvalidInput(owner, "", "", f"unknown demand {reprlib.repr(spec)}; {hint(spec, values)}")
 
 
 def require_limited(owner: str, name: Any, place: str) -> None:
     """An ``InvalidInput`` for no limited demand of any system; ``place`` follows its name."""
     quantity = quantity_named(name) if isinstance(name, str) else None
     if quantity is None or not quantity.limited:
-        candidates = (*LIMITED_OF_PAIR, _ALL_DAMPERS, _INERTANCE, *OF_FLOORS, *OF_YIELDING)
-        raise InvalidInput(owner, "", "", _unknown(f"{name!r}{place}", hint(name, candidates)))
+        limited = (*LIMITED_OF_PAIR, _ALL_DAMPERS, _INERTANCE, *OF_FLOORS, *OF_YIELDING)
+        raise InvalidInput(owner, "", "", f"unknown demand {name!r}{place}; {hint(name, limited)}")
 
 
 def require_threshold(owner: str, demand: Any) -> None:
@@ -269,10 +267,6 @@ def require_threshold(owner: str, demand: Any) -> None:
     if isinstance(demand, str) and not is_demand(demand):
         such = "demands are named as in Demand, such as 'peak_x1'"
         meant = did_you_mean(demand, OF_FLOORS + OF_YIELDING) or such
-        raise InvalidInput(owner, "", "", _unknown(reprlib.repr(demand), meant))
+        raise InvalidInput(owner, "", "", f"unknown demand {reprlib.repr(demand)}; {meant}")
     shown = repr(demand) if isinstance(demand, str) else "a function"
     raise InvalidInput(owner, "threshold", "None", f"must be a number: demand is {shown}")
-
-
-def _unknown(name: str, meant: str) -> str:
-    return f"unknown demand {name}; {meant}"

@@ -201,8 +201,7 @@ class Response(ByElement, Columnar, Shown):
         rods = _summed(works)
         friction = stored = lost = 0 * rods
         for link in self.links:
-            work = link.friction_work
-            if work is None:
+            if (work := link.friction_work) is None:
                 work = _summed(steps * _means(link.friction * link.slip_velocity))
             friction = friction + work
             if link.contact is not None:
@@ -331,8 +330,7 @@ class Response(ByElement, Columnar, Shown):
 
 def _largest(letter: str, by_name: dict[str, Any], of_unit: str, places: tuple[str, ...]) -> str:
     """Peaks of a pair one by one; of more elements only the largest, and where it is."""
-    peaks = list(by_name.values())
-    if len(peaks) <= 2:
+    if len(peaks := list(by_name.values())) <= 2:
         both = ", ".join(f"|{letter}{i}| ≤ {peak:.4g}" for i, peak in enumerate(peaks, 1))
         return f"{both} {of_unit}"
     i = int(np.argmax(peaks))
