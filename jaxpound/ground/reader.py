@@ -6,7 +6,7 @@ import dataclasses
 import os
 import re
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -101,7 +101,7 @@ def read_record(
           -.6403182E-02  -.6028715E-02   .5304162E-03   .7743260E-02
     """
     file = _Source.of("read_record", path, dt, units, rows)
-    with file.errors():
+    with _located(file.path):
         return file.record(file.chosen(column, vertical), strict)
 
 
@@ -119,7 +119,7 @@ def read_components(
     Raises ``OtherKindError`` if the file holds no horizontal acceleration, else as ``read_record``.
     """
     file = _Source.of(owner, path, dt, units, rows)
-    with file.errors():
+    with _located(file.path):
         return [file.record(channel, strict) for channel in file.horizontal()]
 
 
@@ -153,10 +153,6 @@ class _Source:
             text = read_file(file)
             channels = channels_of(text, dt, rows, notes)
         return _Source(file, text, channels, dt, units, tuple(notes))
-
-    def errors(self) -> AbstractContextManager[None]:
-        """A context in which errors in the file name its path and line."""
-        return _located(self.path)
 
     def chosen(self, column: int | str | None, vertical: bool) -> Channel:
         """The component that is asked for, or the only one."""

@@ -208,7 +208,7 @@ test_counts_and_intervals_that_disagree_are_refused = refusals(
     _changed("AFAD", "NUMBER OF DATA          : 123", "NUMBER OF DATA          : 122", SURPLUS),
     _changed("ESM", "NDATA: 123", "NDATA: 122", SURPLUS),
     _changed("ESM", "NDATA: 123", "NDATA: 246", TRUNCATED),
-    _changed("UNAM", "/123/", "/800/", TRUNCATED),
+    _changed("UNAM", "/123/", "/800/", "must be one number for all channels"),
     _changed("UNAM", "/0.02/0.02/0.02", "/0.01/0.01/0.01", AGREE),
     _changed("CWB", "RecordLength(sec): 2.46", "RecordLength(sec): 4.92", TRUNCATED),
     _changed("GeoCSV", "sample_count: 123", "sample_count: 128", TRUNCATED),

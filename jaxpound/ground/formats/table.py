@@ -9,27 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from jaxpound.ground.formats import (
-    at2,
-    blocks,
-    columns,
-    cosmos,
-    json_events,
-    knet,
-    smc,
-    spreadsheet,
-    units,
-)
+from jaxpound.ground.formats import at2, blocks, columns, cosmos, json_events, knet, smc, units
 from jaxpound.ground.formats.layout import Channel, Layout
+from jaxpound.ground.formats.spreadsheet import in_plain_form
 from jaxpound.ground.formats.statements import Stated, Statement
-from jaxpound.ground.formats.text import (
-    NUMBER,
-    MisreadError,
-    OtherKindError,
-    TextFile,
-    TextLine,
-    shown,
-)
+from jaxpound.ground.formats.text import NUMBER, MisreadError, OtherKindError, TextFile, TextLine
 
 _FACTOR = re.compile(r"Raw readings in units of (?!1\.0*[ ])(\S+ \S+)", re.I)
 _LENGTH = re.compile(rf"#?RecordLength\(sec\): *({NUMBER})", re.I)
@@ -57,7 +41,7 @@ def _state_unit(header: Sequence[TextLine], stated: Stated) -> None:
     if name := units.whole_unit(unit):
         units.state(stated.units, name, header[0].number)
     elif unit not in ("", "FLOAT", "INTEGER") and not stated.units:
-        raise OtherKindError(header[0].number, f"{shown(unit)} must be a unit of accelerations")
+        raise OtherKindError(header[0].number, f"{unit!r:.60} must be a unit of accelerations")
 
 
 LAYOUTS = (
@@ -128,7 +112,7 @@ def channels_of(
     """The components of a file; ``dt`` and ``form``, what its rows are, are those of the user."""
     if file.lines[0].text.lstrip()[:1] in ("{", "["):
         return json_events.read(file.lines)
-    lines = spreadsheet.in_plain_form(file.lines)
+    lines = in_plain_form(file.lines)
     layout = next(layout for layout in LAYOUTS if layout.fits(lines))
     if layout is knet.LAYOUT:
         return [knet.read(lines, notes)]
