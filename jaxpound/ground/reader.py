@@ -14,11 +14,12 @@ import numpy as np
 from jaxpound._checks import positive_number
 from jaxpound._errors import InvalidInput, warn
 from jaxpound.ground.damage import signs_of_damage
+from jaxpound.ground.files import bytes_of
 from jaxpound.ground.formats import rows as printed
 from jaxpound.ground.formats.columns import COLUMNS, HISTORY
 from jaxpound.ground.formats.layout import Channel
 from jaxpound.ground.formats.table import channels_of
-from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextFile, read_file
+from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextFile, text_of
 from jaxpound.ground.formats.units import UNITS, stated_among
 from jaxpound.ground.plausibility import MANY, missing_code, of_samples
 from jaxpound.ground.record import Record, derived, stated_unit
@@ -48,17 +49,14 @@ def read_record(
     AFAD, UNAM, CWB, SLIST, TSPAIR, GeoCSV, JSON of SimCenter, columns of spreadsheets and texts
     with or without times, and values one or 5, 8 or 10 a row. The guide "Your record" shows each.
     The record has samples in g (float64, standard gravity 9.80665 m/s²), dt in seconds, and the
-    name of the file, with that of the component if the file has several.
-
-    Number of samples, sampling interval and units that a header states are understood as a whole,
-    or refused by name, and must be those of the data and of the arguments, within half of the last
-    printed digit. Text ahead of the first row is a header; blank lines and those that start with
-    ``#``, ``%`` or ``//`` hold no data.
+    name of the file, with that of the component if the file has several. Number of samples,
+    sampling interval and units that a header states must be understood and agree with the data and
+    the arguments, within half of the last printed digit. Lines with ``#``, ``%`` or ``//`` ahead of
+    them hold no data.
 
     Warns (``PlausibilityWarning``) of signs of damage, such as values printed unlike nearly all
-    others, a comment among the data or a last line without an end; of rows that look like columns;
-    of a time step of half a second or more, or one that is finer than the file's; if all of at
-    least a hundred samples are 0; and as ``Record`` warns.
+    others; of rows that look like columns; of a time step of half a second or more, or one taken
+    for the file's; if all of at least a hundred samples are 0; and as ``Record`` warns.
 
     Parameters
     ----------
@@ -91,14 +89,6 @@ def read_record(
         the message names, or states what its data are not; several components have no ``column``; a
         value is no finite number, above 20 g or a code of missing values; rows are of unequal
         length, times not uniform; or data are cut. The message is one line.
-
-    Examples
-    --------
-    ``read_record("quake.at2")`` reads a file such as::
-
-        ACCELERATION TIME HISTORY IN UNITS OF G
-        NPTS=  4, DT= .01000 SEC
-          -.6403182E-02  -.6028715E-02   .5304162E-03   .7743260E-02
     """
     file = _Source.of("read_record", path, dt, units, rows)
     with _located(file.path):
@@ -150,7 +140,7 @@ class _Source:
             raise InvalidInput(owner, "path", repr(path), "must be the path of a file")
         file, notes = Path(path), list[str]()
         with _located(file), np.errstate(over="ignore", invalid="ignore"):  # refused below
-            text = read_file(file)
+            text = text_of(bytes_of(file))
             channels = channels_of(text, dt, rows, notes)
         return _Source(file, text, channels, dt, units, tuple(notes))
 

@@ -27,8 +27,7 @@ from jaxpound.ground.target import SCALED_TO, FactorBounds, PeriodRange, ScaledS
 
 PERIODS = 100  # number of those at which spectra are compared with a target
 _NO_RECORD = re.compile(  # names of files beside the records
-    r"(readme|licen[cs]e|copying|thumbs\.db).*"
-    r"|.*(searchresults.*\.csv|\.([vd]t2|md|rst|py|m|ipynb|toml|ya?ml|log))",
+    r"(readme|licen[cs]e|copying|thumbs\.db|_searchres).*|.*\.(md|rst|py|m|ipynb|toml|ya?ml|log)",
     re.I,
 )
 
@@ -261,11 +260,6 @@ def read_suite(
     component
         "both"; "larger", that of larger PGA of each station; or 1 or 2, the first or second of each
         station in the order of the records: an error if a station has one alone.
-
-    Examples
-    --------
-    With ``A000.AT2`` and ``A090.AT2`` in a folder, ``read_suite("records").stations`` is
-    ``{"A*.AT2": ("A000", "A090")}``, and ``read_suite("records", component=2)`` has ``A090`` alone.
     """
     owner = "read_suite"
     if component not in ("both", "larger", 1, 2) or isinstance(component, bool | float):

@@ -105,7 +105,7 @@ friction_force = 0 => [uncertain] friction must be of a value above
 negative = 2.0 => [earthquakes] negative = 2.0 must be between 0 and 1
 wavelets -> records = ["a"] => [earthquakes] amplitude must not be given with records
 wavelets = 4 ; units = 'g' => units must not be given without records
-negative -> records = [] => [earthquakes] records = [] must be a list of files
+negative -> records = [] => [earthquakes] records = [] must be a list of paths or {file = ...}
 friction = { -> frictoin = {uniform = [1, 2]} => has an unknown key 'frictoin'; did you mean
 duration -> nothing => [run] lacks the key 'duration'
 duration = 0.001 => [run] duration = 0.001 s must be between 2 and

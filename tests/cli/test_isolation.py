@@ -134,7 +134,7 @@ def test_a_damper_to_the_ground_is_written_as_one_and_inertance_may_have_a_budge
 
 def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
     page = (Path(__file__).parents[2] / "docs" / "command_line.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.M | re.S)
+    (text,) = re.findall(r"^```toml\n(\[\[.*?)^```", page, re.M | re.S)
     layout = layout_of(text)
     assert [building.n_floors for building in layout.buildings] == [5, 5, 4]  # and a tuned mass
     assert layout.tables == (1, 2, 2, None, None, None)

@@ -104,7 +104,7 @@ def test_a_download_of_peer_is_the_suite_of_its_horizontal_components(tmp_path):
     (message,) = (str(warning.message) for warning in caught)
     for words in ("(UP)", "picture", "zip archive", "the header says sa", "by the name no record"):
         assert words in message
-    for words in ("RSN6_X_3.AT2", "spectrum.csv", "2 more: by the name"):
+    for words in ("RSN6_X_3.AT2", "spectrum.csv", "ida.toml: by the name", "header says velocity"):
         assert words in message
     refused("left out are", jp.read_suite, whole, strict=True)
     refused(r"must hold a horizontal acceleration, but has .*-UP", jp.read_suite, whole, "*UP*")

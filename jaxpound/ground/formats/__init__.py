@@ -4,6 +4,5 @@ A format is a ``Layout`` (``layout``): its signature, and where count, interval,
 and values stand; ``table`` lists them. ``blocks`` reads formats whose components have headers of
 their own, ``columns`` rows behind one header, ``knet`` counts with a scale, ``json_events`` JSON.
 ``text`` reads lines, ``spreadsheet`` brings them into plain form, ``rows`` reads their numbers;
-``statements`` finds counts and intervals in prose, ``header`` and ``units`` units; ``other`` names
-formats that are not read.
+``statements`` finds counts and intervals in prose, ``header`` and ``units`` units.
 """

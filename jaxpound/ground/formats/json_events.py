@@ -15,7 +15,6 @@ from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextLine,
 _INTERVALS = {"dT", "dt", "timeStep", "time_step"}
 _COUNTS = {"npts", "NPTS", "numSteps", "numPoints"}
 _FACTORS = {"factor", "scaleFactor"}
-_TEXTS = {"info", "description"}
 _OTHER_TYPES = ("UniformVelocity", "UniformDisplacement")  # of a pattern of loads
 
 
@@ -64,8 +63,7 @@ def _histories(tree: Any, above: dict[str, Any]) -> Iterator[Channel]:
 
 
 def _stated(above: dict[str, Any]) -> Stated:
-    texts = (text for key, text in above.items() if key in _TEXTS and isinstance(text, str))
-    stated = stated_in([TextLine(1, text) for text in texts])
+    stated = stated_in([TextLine(1, str(above["info"]))] if "info" in above else [])
     for key, number in above.items():
         if not isinstance(number, _Printed):
             continue

@@ -160,7 +160,7 @@ def _is_number(text: str) -> bool:
 def row_of(line: TextLine, form: tuple[int, int] | None, n: int | None) -> ValueRow:
     """The row of a line, of ``form``: values a row, and characters of each (0: any), flush right.
 
-    ``n`` numbers are expected, or from one to the values of a row if that is None.
+    It must have ``n`` numbers, or one if that is None, and at most the values of a row.
     """
     number, text = line.number, line.text.rstrip()
     if form is None or not form[1]:
@@ -170,11 +170,10 @@ def row_of(line: TextLine, form: tuple[int, int] | None, n: int | None) -> Value
     cells = [text[at : at + width] for at in range(0, len(text), width)]
     numbers = [cell.lstrip() for cell in cells]
     right = len(text) % width == 0 and all(map(_is_number, numbers))
-    surplus = [float(_plain_number(number)) for number in numbers[n:] if right and n is not None]
-    if not right or any(surplus) or not (n or 1) <= len(cells) <= per_row:
+    if not right or not (n or 1) <= len(cells) <= per_row:
         rule = f"must be {n or per_row} numbers of {width} characters each"
         raise MisreadError(number, f"{shown(text.strip())} {rule}")
-    return ValueRow(number, [_plain_number(cell) for cell in numbers[:n]])
+    return ValueRow(number, [_plain_number(cell) for cell in numbers])
 
 
 def numbers_of(lines: Sequence[TextLine], form: tuple[int, int]) -> list[str]:

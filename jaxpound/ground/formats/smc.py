@@ -23,9 +23,6 @@ def _state(header: Sequence[TextLine], stated: Stated) -> None:
     if (len(counts), len(numbers)) != (48, 50) or not float(counts[_COUNT]) > 0:
         rule = "48 and 50 numbers, one of which is that of the values"
         raise MisreadError(header[0].number, f"the header of SMC must have {rule}")
-    if (len(counts), len(numbers)) != (48, 50) or not float(counts[_COUNT]) > 0:
-        rule = "48 and 50 numbers, one of which is that of the values"
-        raise MisreadError(header[0].number, f"the header of SMC must have {rule}")
     if float(numbers[_RATE]) == float(numbers[_UNDEFINED]) or not float(numbers[_RATE]) > 0:
         rule = "is undefined, as of values at uneven times, which must be resampled first"
         raise MisreadError(reals[0].number, f"sampling rate = {numbers[_RATE]} {rule}")

@@ -5,17 +5,12 @@ from __future__ import annotations
 import codecs
 import io
 import re
-import stat
 import unicodedata
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from jaxpound._checks import require_folder
-from jaxpound.ground.formats import other
 
 NUMBER = r"[-+]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[EeDd][-+]?[0-9]{1,4}+(?![0-9]))?+"
 """A pattern of a decimal number, also with Fortran's D for its exponent, of at most four digits."""
@@ -72,35 +67,12 @@ def to_float(number: str) -> float:
 
 
 # The longest run, a million steps in two columns, and a header; more would fill the memory.
-_MOST_BYTES = 32_000_000
 _MOST_LINES = 1_050_000
 _MOST_NUMBERS = 2_100_000
 
 
-def _bytes_of(file: Path) -> bytes:
-    """The bytes of a file: a regular one, of no other kind, and not too large."""
-    try:
-        status = file.stat()
-    except FileNotFoundError:
-        require_folder(file)
-        raise FileNotFoundError(f"{file}: no such file") from None
-    if not stat.S_ISREG(status.st_mode):
-        kind = "directory" if stat.S_ISDIR(status.st_mode) else "device, pipe or socket"
-        raise MisreadError(None, f"must be a file, not a {kind}")
-    with file.open("rb") as opened:
-        data = opened.read(_MOST_BYTES + 1)
-    if other_kind := other.kind_of(file, data):
-        raise OtherKindError(None, other_kind)
-    if len(data) > _MOST_BYTES:
-        most, size = _MOST_BYTES / 1e6, max(len(data), status.st_size) / 1e6
-        raise MisreadError(None, f"must have at most {most:.0f} MB of text, not {size:.4g} MB")
-    utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # of spreadsheets
-    return data.decode("utf-16", "replace").encode() if utf_16 else data
-
-
-def read_file(file: Path) -> TextFile:
-    """The lines of a file: of text, not empty and not too large."""
-    data = _bytes_of(file)
+def text_of(data: bytes) -> TextFile:
+    """The lines of the bytes of a file: of text, not empty and not too many."""
     # Before the text is split: a number begins behind a separator, or with its sign behind a digit
     # or point of another one.
     n_lines = np.count_nonzero(_among(data[1:], b"\r\n") & ~_among(data[:-1], b"\r\n"))

@@ -1,10 +1,17 @@
-"""Files of known formats that are not read: their names, and what reads them."""
+"""The bytes of files; what files of known formats that are not read are, and what reads them."""
 
 from __future__ import annotations
 
+import codecs
 import re
+import stat
 import zipfile
 from pathlib import Path
+
+from jaxpound._checks import require_folder
+from jaxpound.ground.formats.text import MisreadError, OtherKindError
+
+_MOST_BYTES = 32_000_000  # of the longest run, a million steps in two columns, and a header
 
 _OBSPY = (
     "ObsPy reads it: trace = obspy.read({name!r})[0]; "
@@ -14,15 +21,16 @@ _RECORD = "record = jp.Record(samples, dt, units=...) takes its samples, which {
 _UNPACK = "unpack it and read a file that it holds"
 _BY_BEGINNING = (
     (rb"\x89HDF\r\n", "an HDF5 file", _RECORD.format("h5py (of ASDF: pyasdf)")),
-    (rb"[0-9 ]{6}[DRQM][ \0]|MS\x03", "a miniSEED file", _OBSPY),
-    (rb"[0-9]{6}V ", "a SEED volume", _OBSPY),
+    (rb"[0-9 ]{6}[DRQMV][ \0]|MS\x03", "a miniSEED or SEED file", _OBSPY),
     (rb".{304}(?:[\6\7]\0\0\0|\0\0\0[\6\7]).{324}", "a SAC file", _OBSPY),
     (rb"(?:\s*+[-+0-9.e]++){4,12}?\s++-12345(?:\.0*)?\s", "a SAC file of text", _OBSPY),
     (rb"WID[12] ", "a GSE file", _OBSPY),
-    (rb"\x1f\x8b|BZh[1-9]|\xfd7zXZ|.{257}ustar", "a compressed file", _UNPACK),
-    (rb"7z\xbc\xaf|Rar!", "an archive", _UNPACK),
-    (rb"\x93NUMPY", "a NumPy file", _RECORD.format("numpy.load")),
-    (rb"MATLAB 5", "a MATLAB file", _RECORD.format("scipy.io.loadmat")),
+    (rb"\x1f\x8b|BZh[1-9]|\xfd7zXZ|.{257}ustar|7z\xbc\xaf|Rar!", "a compressed file", _UNPACK),
+    (
+        rb"\x93NUMPY|MATLAB 5",
+        "a NumPy or MATLAB file",
+        _RECORD.format("numpy.load or scipy.io.loadmat"),
+    ),
     (rb"\xd0\xcf\x11\xe0", "an Excel workbook", "save its sheet as CSV"),
     (rb"%PDF-|\x89PNG|\xff\xd8\xff", "a picture or a PDF", "a record is a file of numbers"),
     (rb"\s*<(?:!doctype|html)", "a web page", "download the file that it links to"),
@@ -36,7 +44,7 @@ _BY_BEGINNING = (
 )
 
 
-def kind_of(file: Path, data: bytes) -> str | None:
+def _other_kind(file: Path, data: bytes) -> str | None:
     """What a file of a known format that is not read is, and what reads it; None for others."""
     if data.startswith(b"PK\x03\x04"):
         try:
@@ -52,3 +60,24 @@ def kind_of(file: Path, data: bytes) -> str | None:
         if re.match(pattern, data[:8192], re.S | re.I):
             return f"is {kind}: {advice.format(name=file.name)}"
     return None
+
+
+def bytes_of(file: Path) -> bytes:
+    """The bytes of a file: a regular one, of no other kind, and not too large."""
+    try:
+        status = file.stat()
+    except FileNotFoundError:
+        require_folder(file)
+        raise FileNotFoundError(f"{file}: no such file") from None
+    if not stat.S_ISREG(status.st_mode):
+        kind = "directory" if stat.S_ISDIR(status.st_mode) else "device, pipe or socket"
+        raise MisreadError(None, f"must be a file, not a {kind}")
+    with file.open("rb") as opened:
+        data = opened.read(_MOST_BYTES + 1)
+    if other_kind := _other_kind(file, data):
+        raise OtherKindError(None, other_kind)
+    if len(data) > _MOST_BYTES:
+        most, size = _MOST_BYTES / 1e6, max(len(data), status.st_size) / 1e6
+        raise MisreadError(None, f"must have at most {most:.0f} MB of text, not {size:.4g} MB")
+    utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # of spreadsheets
+    return data.decode("utf-16", "replace").encode() if utf_16 else data
