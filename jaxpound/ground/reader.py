@@ -27,6 +27,7 @@ from jaxpound.ground.stations import is_other, is_vertical, is_vertical_file
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 
 _ROUGH = 0.025  # most that a time step may differ from a printed one, as 1/204.8 s from .005 s
+_APART = 0.12  # most of two that a file states, as .003 s and 300 Hz
 _SAME = 1e-6  # relative difference of equal time steps
 _SLOWEST_STEP = 0.5  # in s: nothing above 1 Hz would be left of an earthquake
 _FEW = 10  # samples of an example
@@ -103,14 +104,16 @@ def read_components(
     units: str | None = None,
     rows: str | None = None,
     strict: bool = False,
-) -> list[Record]:
-    """All horizontal components of a file, each as ``read_record`` reads it.
+) -> tuple[list[Record], list[str]]:
+    """All horizontal components of a file, each as ``read_record`` reads it; and other names.
 
     Raises ``OtherKindError`` if the file holds no horizontal acceleration, else as ``read_record``.
     """
     file = _Source.of(owner, path, dt, units, rows)
     with _located(file.path):
-        return [file.record(channel, strict) for channel in file.horizontal()]
+        channels = file.horizontal()
+        others = [" ".join(x.names) for x in file.channels if not any(x is y for y in channels)]
+        return [file.record(channel, strict) for channel in channels], others
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,6 +186,9 @@ class _Source:
         channels = self._accelerations()
         horizontal = [x for x in channels if not any(map(is_vertical, x.names))]
         silent = not any(channel.names for channel in channels)
+        named = [" ".join(channel.names) for channel in channels if channel.names]
+        if repeated := next((name for name in named if named.count(name) > 1), None):
+            raise MisreadError(None, f"several blocks are {repeated}: is there a gap between them?")
         if not horizontal or (silent and is_vertical_file(self.path.name)):
             says = "the file's name" if silent else " ".join(channels[0].names)
             rule = "pass vertical=True if it is to shake buildings sideways"
@@ -237,7 +243,7 @@ def _located(file: Path) -> Iterator[None]:
 
 def _plain(name: str) -> str:
     """A name of a component without regard to case, blanks and signs."""
-    return re.sub(r"[\W_]", "", name).lower()
+    return re.sub(r"(?<=\S) ?[(\[].*|[\W_]", "", name).lower()
 
 
 def _within_count(channel: Channel) -> Channel:
@@ -263,7 +269,8 @@ def _interval(channel: Channel, dt: float | None, notes: list[str]) -> float:
     finest = min(stated, key=lambda statement: statement.slack / statement.value)
     step = finest.value
     for other in stated:
-        if abs(other.value - step) > other.slack + finest.slack + _SAME * step:
+        slack = min(other.slack + finest.slack, _APART * step) + _SAME * step
+        if abs(other.value - step) > slack:
             rule = f"must agree with {finest.text!r}, {step:.6g} s"
             raise MisreadError(other.line, f"{other.text!r}, {other.value:.6g} s, {rule}")
     if step >= _SLOWEST_STEP and len(channel.samples) >= _FEW:

@@ -36,7 +36,10 @@ _COMPONENTS = tuple(
 
 def is_vertical(name: str) -> bool:
     """Whether the name of a component says that it is vertical."""
-    return _VERTICAL.fullmatch(name.strip(" .'\"")) is not None
+    words = name.strip(" .'\"").split()
+    return any(_VERTICAL.fullmatch(x) for x in (" ".join(words), *words[-1:])) or any(
+        word.lower().startswith(("vertic", "vertik", "düşey")) for word in words
+    )
 
 
 def is_other(name: str) -> bool:

@@ -303,7 +303,9 @@ def _read_files(
         try:
             if _NO_RECORD.fullmatch(path.name):
                 raise OtherKindError(None, "by the name no record")
-            files[path.name] = read_components("", path, **options)
+            files[path.name], names = read_components("", path, **options)
+            for name in names:
+                others.setdefault(f"components {name}", []).append(path.name)
         except OtherKindError as error:
             message = re.sub("^(:[0-9]+)?: ", "", str(error).removeprefix(str(path)))
             reason = message.rpartition(", but ")[2].removeprefix("is ").partition(": ")[0]

@@ -375,7 +375,7 @@ ORDINARIES = {
     "a peak twice": np.array([3.0, 9.5, 9.99, 9.99, 9.2, -8.0]),
     "crest cut off": np.clip(1200 * SHAKEN, -999, 999),
     "both signs": np.array([0.1, 9.99, 0.2, -9.99]),
-    "other nines": np.array([0.99, 0.99, 0.999, 0.999, 99.0, 99.0, 0.1]),
+    "other nines": np.array([0.99, 0.99, 0.999, 0.999, 9.0, 9.0, 0.1]),
     "all zero": np.zeros(50),
     "few": np.array([999.0]),
     "none": np.array([]),

@@ -205,7 +205,8 @@ def test_a_sample_above_20_g_is_refused_at_its_line(write, layout, value):
     ("text", "says"),
     [
         *((word + " " * N + "q\n0 1\n", HEADER) for word in ("accel", "unit", "Scale Factor")),
-        *((text, HEADER) for text in ("1" * N + "x\n", "NPTS 1 " * N, "a\n" * 10_002 + "0 1\n")),
+        ("1" * N + "x\n", "must be a finite number"),
+        *((text, HEADER) for text in ("NPTS DT 1 " * N, "a\n" * 10_002 + "0 1\n")),
         ("Sampling Freq(Hz)" + " " * N + "q\n0 1\n", "K-NET header must end"),
         ("0 1\n1 " + "1" * N + "x\n", "'1111111.* must be a finite number"),
         ("\r" * N + "x", "no data"),

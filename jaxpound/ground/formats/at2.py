@@ -9,7 +9,7 @@ from jaxpound.ground.formats.layout import Layout
 from jaxpound.ground.formats.statements import Stated, state_numbers
 from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, plain, shown
 
-_LINE = re.compile(r"(?!\s*(?:#|%|//)).*\bNPTS\b", re.I)
+_LINE = re.compile(r"(?!\s*(?:#|%|//))(?=.*\bDT\b).*\bNPTS\b", re.I)
 _NUMBERS_FIRST = re.compile(rf"\s*({NUMBER})[ ,]{{1,3}}({NUMBER})[ ,]{{1,3}}NPTS,? ?DT(.*)", re.I)
 
 
@@ -28,7 +28,7 @@ def _state(header: Sequence[TextLine], stated: Stated) -> None:
 LAYOUT = Layout(
     name="PEER AT2",
     signature=_LINE.pattern,
-    component=r"(?!.*NPTS)[^,]*,[^,]*,.*?([^,\s][^,]{0,11}?)\s*$",
+    component=r"(?!.*NPTS)[^,]*,[^,]*,.*?([^,(\s][^,(]{0,11}?) *(?:\([^()]*\) *)?$",
     state=_state,
     behind=_LINE.pattern,
     history=True,

@@ -23,8 +23,15 @@ def read(layout: Layout, lines: Sequence[TextLine]) -> list[Channel]:
     _require_accelerations(lines[: starts[0]])
     if early := next((line for line in lines[: starts[0]] if _is_row(line)), None):
         raise MisreadError(early.number, f"{shown(early.text.strip())}: must be behind a header")
-    ends = [*starts[1:], len(lines)]
-    return [_channel(layout, lines[i:end]) for i, end in zip(starts, ends, strict=True)]
+    channels, other = list[Channel](), None
+    for i, end in zip(starts, [*starts[1:], len(lines)], strict=True):
+        try:
+            channels.append(_channel(layout, lines[i:end]))
+        except OtherKindError as error:  # velocity or displacement, with a header of its own
+            other = error
+    if other and not channels:
+        raise other
+    return channels
 
 
 def _channel(layout: Layout, lines: Sequence[TextLine]) -> Channel:

@@ -24,7 +24,7 @@ from jaxpound.ground.formats.text import (
 
 HISTORY, COLUMNS = "history", "columns"  # what rows of numbers are, in the words of users
 _CELL = re.compile(r"[^\s(\[]++(?: ?[(\[][^()\[\]]{0,40}+[)\]])?+")
-_OF_SPECTRA = set_of("period periods tn frequency frequencies freq f hz")
+_OF_SPECTRA = set_of("period periods periode periodo période tn frequency frequencies freq f hz")
 _NO_TIMES = _OF_SPECTRA | set_of(
     "distance index no number n i k id point points sample samples count step steps"
 )
@@ -59,7 +59,8 @@ def read(
         seem = f"{shown(odd.text.strip())}, do not end below those of other rows"
         notes.append(f"the numbers of line {odd.number}, {seem}: are digits lost?")
     own_names = tuple(layout.components(header))
-    if layout.history:
+    counted = [statement.value for statement in stated.counts]
+    if layout.history and (len(block.rows[0].numbers) == 1 or len(block.rows) not in counted):
         return [Channel(own_names, stated, block.rows, flatten(block.rows))]
     return _channels(block, own_names, dt, form, notes)
 
@@ -74,17 +75,18 @@ def _channels(
     if width > 2 and width % 2 == 0 and _rise(rows, slice(0, None, 2)):
         samples, times, rows = printed.split_pairs(rows)
         return [Channel((), stated, rows, samples, times)]
-    first_words = [{w for x in column for w in units.words_of(x)[:1]} for column in names[:2]]
+    first_words = [{w for x in column for w in units.words_of(x)[:1]} for column in names]
     first = next((k for k, words in enumerate(first_words) if words & units.TIMES), None)
     if first is None and width > 2 and _rise(rows, 0, dt):
-        counts = [row.numbers[0] for row in rows]
-        is_index = all(map(str.isdigit, counts)) and set(np.diff(list(map(int, counts)))) == {1}
-        first = int(is_index and _rise(rows, 1, dt))
+        first = int(_is_index(rows) and _rise(rows, 1, dt))
     if first is None and width == 2 and not _are_components(block, dt):
         first = 0
     if first is not None:
         printed.require_width(rows, width)
         return _timed(block, first, names)
+    gaps = [x.line for x, before in zip(rows[1:], rows, strict=False) if x.line > before.line + 1]
+    if not stated.counts and 0 < len(gaps) <= 1 + len(rows) // MANY:
+        notes.append(f"there is a blank line ahead of line {gaps[0]}: is a value missing?")
     if width in _SIDE_BY_SIDE or names or (form == COLUMNS and width > 1):
         printed.require_width(rows, width)
         _require_no_times(rows, width, dt)
@@ -99,15 +101,22 @@ def _column(
     return Channel(names[k] if names else (), block.stated, rows, flatten(rows), times)
 
 
+def _is_index(rows: list[ValueRow]) -> bool:
+    """Whether the first column counts the rows."""
+    counts = [row.numbers[0] for row in rows]
+    return all(map(str.isdigit, counts)) and set(np.diff(list(map(int, counts)))) == {1}
+
+
 def _timed(block: Block, first: int, names: list[tuple[str, ...]]) -> list[Channel]:
-    """The components behind a column of times."""
+    """The components beside a column of times."""
     width = len(block.rows[0].numbers)
     if width == first + 2:
         _read_column_names(block.header, block.stated)
     times = printed.even_interval([ValueRow(x.line, x.numbers[first:][:1]) for x in block.rows])
     size = units.SECONDS[units.stated_among(block.stated.units, units.SECONDS) or "s"]
     times = times._replace(value=float(f"{times.value * size:.12g}"), slack=times.slack * size)
-    return [_column(block, k, names, times) for k in range(first + 1, width)]
+    no_component = {first, 0} if first and _is_index(block.rows) else {first}
+    return [_column(block, k, names, times) for k in range(width) if k not in no_component]
 
 
 def _history(
@@ -177,7 +186,11 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
     stands apart from the values and is the user's or behind a count.
     """
     rows, stated = block.rows, block.stated
-    if len(rows) <= FEW or [len(row.numbers) for row in rows[1:3]] != [1, 1]:
+    head, *widths = [len(row.numbers) for row in rows[:3]]
+    if len(rows) <= FEW or widths not in (
+        [1, 1],
+        *([head + n] * 2 for n in (3, 6, 8) if head == 2),
+    ):
         return block
     line, first = rows[0]
     step_line, text = line, f"the first line, {first[0]},"

@@ -29,8 +29,9 @@ _ACCELERATION = re.compile(
 _UNITS = re.compile(
     r"(?:units?|unidad(?:es)?|unit[àa]'?|einheit(?:en)?|unit[ée]s?|birim[iı]?)(?![^\W\d])", re.I
 )
-_OF = re.compile(r" ?(?:(?:of|is|are|the|utc)\b|in(?= )|[:=(\[,])", re.I)
-_IN = re.compile(r"\bin ", re.I)
+_OF = re.compile(r" ?(?:(?:of|is|are|the|utc)\b|in(?= )|[:=(\[,]|-(?= ))", re.I)
+_IN = re.compile(r"\b(?:in|en) ", re.I)
+_ITS_VALUE = re.compile(rf" ?[:=]? ?{NUMBER} ?$")
 _SEPARATOR = re.compile(r"(?:[,;:=/]|(?:is|are)\b) ?", re.I)
 _TIME_IN = re.compile(r"\btimes? (?:is |are )?in ", re.I)
 _AND = re.compile(r" ?(?:[,;&]|\band\b) ?", re.I)
@@ -89,6 +90,8 @@ def _unit_itself(number: int, text: str) -> Iterator[str]:
 
 def _units_of_line(line: TextLine) -> Iterator[str]:
     number, text = line
+    if unit := units.whole_unit(text):
+        yield unit
     for match in _TIME_IN.finditer(text):
         if unit_and_end := units.match_unit(text, match.end(), units.TIME_UNIT):
             yield unit_and_end[0]
@@ -104,6 +107,8 @@ def _units_of_line(line: TextLine) -> Iterator[str]:
     others = _NOT_OF_DATA if series else _NOT_OF_DATA | _SENSORS
     end = next((x.start() for x in units.WORD.finditer(text) if x[0].lower() in others), len(text))
     for match in units.BRACKET.finditer(text, 0, end):
+        if _ITS_VALUE.match(text, match.end()):
+            continue
         if set(_words_before(text, match.start())[-1:]) & (units.OTHER_QUANTITIES | units.TIMES):
             continue
         inside = units.inside_of(match)
@@ -201,11 +206,11 @@ def _words_before(text: str, at: int) -> list[str]:
 
 
 _OTHER_HISTORY = re.compile(
-    r"\b(?:(vel|velocity|disp|displacement) ?(?:time\b|history|series|in\b|[(\[]|$)"
+    rf"\b(?:({'|'.join(units.OTHER_HISTORIES)}) ?(?:time\b|history|series|in\b|[(\[]|$)"
     r"|(intensity|energy|spectrum) ?(?:time\b|history|series))",
     re.I,
 )
-_SPECTRUM = re.compile(r"\b(response|fourier) (?:amplitude )?spectr", re.I)
+_SPECTRUM = re.compile(r"\b(response|fourier|spectral) (?:amplitude )?(?:spectr|acc)", re.I)
 _NOT_OTHER = re.compile(r"\b(?:acc|peak|max)", re.I)
 
 

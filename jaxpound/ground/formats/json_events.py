@@ -9,10 +9,10 @@ from typing import Any
 from jaxpound.ground.formats import units
 from jaxpound.ground.formats.layout import Channel
 from jaxpound.ground.formats.rows import ValueRow, flatten, stated_in
-from jaxpound.ground.formats.statements import Stated, Statement, interval
+from jaxpound.ground.formats.statements import Stated, Statement, interval, state_numbers
 from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextLine, shown
 
-_INTERVALS = {"dT", "dt", "timeStep", "time_step"}
+_INTERVALS = {"dT", "dt", "DT", "delta", "timeStep", "time_step"}
 _COUNTS = {"npts", "NPTS", "numSteps", "numPoints"}
 _FACTORS = {"factor", "scaleFactor"}
 _OTHER_TYPES = ("UniformVelocity", "UniformDisplacement")  # of a pattern of loads
@@ -65,6 +65,8 @@ def _histories(tree: Any, above: dict[str, Any]) -> Iterator[Channel]:
 def _stated(above: dict[str, Any]) -> Stated:
     stated = stated_in([TextLine(1, str(above["info"]))] if "info" in above else [])
     for key, number in above.items():
+        if isinstance(number, str) and key not in _INTERVALS | _COUNTS:
+            state_numbers([TextLine(1, f"{key[:40]}: {number[:40]}")], stated)
         if not isinstance(number, _Printed):
             continue
         text = f'"{key}": {number}'

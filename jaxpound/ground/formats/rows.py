@@ -27,6 +27,8 @@ _LONGEST_HEADER = 10_000  # lines, and characters in a line
 FEW, MANY = 10, 100  # values that suggest a pattern, and that exclude coincidence
 _NUMBER = re.compile(NUMBER)
 _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf(?:inity)?|[0-9]\.#\w{1,9})", re.I)
+_LIKE_NUMBER = re.compile(r"[-+.]?[0-9]|(?:nan?|null|n/a|none)(?!\w)|-$", re.I)
+_WORD = re.compile(r"(?<![\w.])(?!(?:nan|null|na|none)\b)[^\W\d_]{2,}", re.I)
 _END_MARK = re.compile(r"\*++\s*+end(?![^\W_])", re.I)
 _SIGN_AFTER_NUMBER = re.compile(r"(?<=[0-9.])(?=[-+])")
 _LONGEST_NUMBER = 100
@@ -86,10 +88,13 @@ def _states_numbers(line: TextLine) -> bool:
 
 def _is_header_text(text: str) -> bool:
     """Whether a line is mostly words; the reader of rows reports a single bad token."""
-    tokens = [] if EXCEL_ERROR.match(text) else _tokens_of(text)[:MANY]
+    tokens = _tokens_of(text)[:MANY]
     numeric = [bool(_numbers(token) or _NOT_FINITE.fullmatch(token)) for token in tokens]
-    words_first = bool(tokens) and tokens[0][:1].isalpha() and not numeric[0]
-    return words_first or 2 * sum(numeric) < len(tokens)
+    if EXCEL_ERROR.match(text):
+        return False
+    if not _WORD.search(text) and (_LIKE_NUMBER.match(text) or 2 * sum(numeric) > len(tokens)):
+        return False  # of a damaged number, such as 0.OO1, or a missing one
+    return (tokens[0][:1].isalpha() and not numeric[0]) or 2 * sum(numeric) < len(tokens)
 
 
 def parse_rows(lines: Sequence[TextLine], notes: list[str]) -> list[ValueRow]:

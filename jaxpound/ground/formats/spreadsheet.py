@@ -27,6 +27,7 @@ _VALUES = re.compile(rf"(?:[\s,;]+{NUMBER})+[\s,;]*")
 _OF_NUMBERS = re.compile(r"[-+0-9.,;eE \t]*[0-9][-+0-9.,;eE \t]*")
 _WITH_COMMA = re.compile(r"[-+]?(?:[0-9]{1,3}(?:\.[0-9]{3})+|[0-9]*),[0-9]+(?:[eE][-+]?[0-9]+)?")
 _THOUSANDS = re.compile(r"\s*[-+]?[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]*(?:[eE][-+]?[0-9]+)?\s*")
+_GROUPED = re.compile(r"(?<![^\s;])[-+]?[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]*(?![^\s;])")
 _CELL = re.compile(r"[^;\s]+")
 
 
@@ -36,8 +37,16 @@ def in_plain_form(lines: Sequence[TextLine]) -> list[TextLine]:
     lines = list(lines[1:] if separator else lines)
     if any(_QUOTED.search(line.text) for line in lines):
         lines = _without_quotes(lines, separator[1] if separator else None)
-    lines = _with_seconds(lines)
+    lines = _with_seconds([TextLine(line.number, _plain_signs(line.text)) for line in lines])
     return list(map(_with_point, lines)) if _has_decimal_commas(lines) else lines
+
+
+def _plain_signs(text: str) -> str:
+    """A line with a plain minus, and without the thousands marks that separate no cells."""
+    if not text.isascii() or "'" in text:
+        text = re.sub(r"(?<=[0-9])[\u00a0\u202f\u2009'’](?=[0-9]{3})", "", text.replace("−", "-"))
+    separated = "," in text and (";" in text or "\t" in text)
+    return _GROUPED.sub(lambda x: x[0].replace(",", ""), text) if separated else text
 
 
 def _without_quotes(lines: list[TextLine], delimiter: str | None) -> list[TextLine]:
@@ -68,7 +77,10 @@ def _with_seconds(lines: list[TextLine]) -> list[TextLine]:
             hours, minutes, seconds = (Decimal(x.replace(",", ".")) for x in instant.groups()[1:])
             elapsed = 86400 * len(days) + 3600 * hours + 60 * minutes + seconds
             first = elapsed if first is None else first
-            line = TextLine(line.number, f"{elapsed - first:f}{line.text[instant.end() :]}")
+            since_first, behind = f"{elapsed - first:f}", line.text[instant.end() :]
+            if _are_with_commas(_CELL.findall(behind)):
+                since_first = since_first.replace(".", ",")
+            line = TextLine(line.number, since_first + behind)
         plain.append(line)
     return plain
 
@@ -91,9 +103,10 @@ def _are_with_commas(cells: list[str]) -> bool:
 
 def _with_point(line: TextLine) -> TextLine:
     text = line.text
-    if not (_OF_NUMBERS.fullmatch(text) and _are_with_commas(_CELL.findall(text))):
+    cells = _CELL.findall(text)
+    if not _OF_NUMBERS.fullmatch(text) or ("," in text and not _are_with_commas(cells)):
         return line
-    without_thousands = re.sub(r"\.(?=[^;\s]*,)", "", text)
+    without_thousands = re.sub(r"(?<=[0-9])\.(?=[0-9]{3}(?![0-9]))", "", text)
     return TextLine(line.number, without_thousands.replace(",", "."))
 
 

@@ -15,33 +15,44 @@ from typing import NamedTuple
 
 from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, plain, to_float
 
-_POINTS = "(?:data|datos|dati|points?|pts|samples?|muestras|puntos|campioni|values|valores|veri)"
+_POINTS = (
+    "(?:data(?: points)?|datos|dati|points?|pts|samples?|muestras|puntos|punti|campioni|values"
+    "|valores|valeurs|echantillons|readings|lines|ordinates|veri)"
+)
+_NUMBER_OF = r"(?:n[a-z]{0,7}|cantidad)\.?(?: total)? ?(?:of|de|di|degli|d')? ?(?:acc[a-z]{0,10} )?"
+_NOT_A_RATE = "(?! ?(?:/|per|por|al|a) ?s|[a-z])"
 _COUNT = re.compile(
-    rf"\b(?:n[a-z]{{0,7}}\.?(?: total)? ?(?:of|de|di|degli)? ?(?:acc[a-z]{{0,10}} )?{_POINTS}"
-    r"(?: points)?|npts|ndata|sample count|num\. total de muestras|anzahl(?: der)? (?:mess)?werte"
-    r"|(?:veri|ornek) sayisi)(?! ?(?:/|per |por |al |a )|[a-z])"
+    rf"\b(?:{_NUMBER_OF}{_POINTS}|npts|ndata|num\. total de muestras|(?:veri|ornek|nokta) sayisi"
+    r"|anzahl(?: der)? (?:[a-z]*werte|[a-z]*punkte|samples)"
+    rf"|(?:{_POINTS}|n|(?:sample )?count)(?= ?[:=]))(?: p[eo]r ch?an[a-z]*)?{_NOT_A_RATE}"
 )
 _COUNT_BEHIND = re.compile(
-    rf"(?<![\w.+/-])([0-9]+),? (?:(?:raw|uncorrected|corrected|acc[a-z]*\.?) ){{0,2}}{_POINTS}"
-    r"(?! ?(?:/|per |por |al |a )|[a-z])"
+    r"(?<![\w.+/-])([0-9]{1,3}\.[0-9]{3}|[0-9]+),? (?:(?:raw|uncorrected|corrected|acc[a-z]*\.?) )"
+    rf"{{0,2}}{_POINTS}{_NOT_A_RATE}"
 )
 _INTERVAL = re.compile(
     r"\b(?:(?:sampling|sample|time|digiti[sz]ation)[ -]?(?:interval|step|period|increment|spacing)"
     r"|(?:intervalo|paso|periodo) (?:de muestreo|de tiempo)|passo (?:di campionamento|temporale)"
-    r"|intervallo di campionamento|abtast(?:intervall|schritt)|zeit(?:schritt|intervall)"
-    r"|pas de temps|intervalle|ornekleme araligi|delta ?t|dt|(?:equally[- ]spaced )?(?:at )?"
-    r"intervals of|equally[- ]spaced at)\b"
+    r"|intervallo di campionamento|abtast(?:intervall|schritt)|zeit(?:schritt|intervall|inkrement)"
+    r"|schrittweite|pas d(?:e temps|'echantillonnage)|ornekleme araligi|delta ?t|dt|sampled every"
+    r"|(?:interval|intervalle|intervalo|delta)(?= ?[:=])|(?:equally[- ]spaced )?(?:at )?intervals "
+    r"of|(?:equally|evenly)[- ]spaced at)\b"
 )
 _RATE = re.compile(
-    r"\b(?:sampl[a-z]* ?(?:rate|freq[a-z]*)|samples per sec[a-z]*|(?:tasa|vel\.|velocidad|"
-    r"frecuencia) de muestreo|frequenza di campionamento|abtast(?:rate|frequenz)"
-    r"|frequence d'echantillonnage|ornekleme (?:hizi|frekansi|orani))(?![a-z])"
+    r"\b(?:(?:sampl[a-z]*|data) ?(?:rate|freq[a-z]*)|(?:sampling|muestreo|fs)(?= ?[:=])|samples per"
+    r" sec[a-z]*|(?:tasa|vel\.|velocidad|frecuencia) de muestreo|frequenza di campionamento|abtast"
+    r"(?:rate|frequenz)|frequence d'echantillonnage|ornekleme (?:hizi|frekansi|orani))(?![a-z])"
 )
 _PER_SECOND = "(?:sps|hz|(?:samples?|muestras|points?|pts) ?(?:/|per|por) ?s[a-z]*)"
 _SECONDS = "(?:sec[a-z]*|s|sn|seg[a-z]*|secondi|sekunden|secondes)"
-_MS = "(?:ms|msec[a-z]*|milliseconds?)"
-_RATE_BEHIND = re.compile(rf"(?<![\w.+-])({NUMBER}) ?(?:sps|samples? ?(?:/|per) ?s[a-z]*)\b", re.I)
-_INTERVAL_BEHIND = re.compile(rf"\bat ({NUMBER}) ?({_SECONDS}|{_MS})\.? intervals?\b", re.I)
+_MS = "(?:ms|msec[a-z]*|mill?is[a-z]*)"
+_RATE_BEHIND = re.compile(
+    rf"(?<![\w.+-])({NUMBER}) ?(?:sps|(?:samples?|muestras|pts) ?(?:/|per|por) ?s[a-z]*)\b"
+    rf"|(?:sampled|digiti[sz]ed|recorded|ornekleme|campionamento) (?:at )?({NUMBER}) ?hz\b"
+)
+_INTERVAL_BEHIND = re.compile(
+    rf"(?<![\w.+-])({NUMBER}) ?({_SECONDS}|{_MS})\.? (?:time )?(?:intervals?|steps?)\b"
+)
 # Behind the name of what is stated: brackets, numbers of channels, a colon; then values.
 _VALUES = re.compile(
     rf"(?:,? c1-c[0-9])?,? ?(?P<unit>\([^()]{{1,30}}\)|\[[^][]{{1,30}}\]|[a-z/]{{1,7}}(?= ?[:=]))?"
@@ -94,6 +105,7 @@ def state_numbers(header: Sequence[TextLine], stated: Stated) -> None:
         small = plain(raw).lower().replace("ı", "i").replace("_", " ")
         without_accents = unicodedata.normalize("NFKD", small).encode("ascii", "ignore")
         text = " ".join(without_accents.decode().split())
+        text = re.sub(r"(?<![0-9.,])([0-9]+),([0-9]+)(?![0-9.,])", r"\1.\2", text)
         stated.counts += _counts(number, text)
         stated.intervals += _intervals(number, text)
 
@@ -109,12 +121,15 @@ def _counts(line: int, text: str) -> Iterator[Statement]:
                 raise MisreadError(line, f"{phrase} must be one number for all channels")
             stated += [(phrase, number) for number in numbers]
     for phrase, number in stated:
-        if (count := to_float(number)).is_integer() and count > 0:
+        count = to_float(number)
+        if not count.is_integer() and re.fullmatch(r"[0-9]{1,3}\.[0-9]{3}", number):
+            count = round(1000 * count)  # thousands, as in 1.600
+        if count == int(count) > 0:
             yield Statement(line, phrase, count)
 
 
 def _intervals(line: int, text: str) -> Iterator[Statement]:
-    printed = [(match[1], "hz") for match in _RATE_BEHIND.finditer(text)]
+    printed = [(match[1] or match[2], "hz") for match in _RATE_BEHIND.finditer(text)]
     printed += [(match[1], match[2]) for match in _INTERVAL_BEHIND.finditer(text)]
     for names, usual in ((_INTERVAL, "s"), (_RATE, "hz")):
         for name in names.finditer(text):

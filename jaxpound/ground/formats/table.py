@@ -102,7 +102,11 @@ LAYOUTS = (
     ),
     Layout(name="ESM", signature="EVENT_NAME:", component=r"STREAM: *(\S+)", behind="USER5:"),
     at2.LAYOUT,
-    Layout(name="columns"),
+    Layout(
+        name="columns",
+        component=r".*\b(?:component|componente|composante|komponente|canal|channel|orientation|"
+        r"dir)\b\.?[^:=]{0,15}[:=]? *(\w[\w-]*)",
+    ),
 )
 
 

@@ -47,7 +47,7 @@ def set_of(words: str) -> frozenset[str]:
     return frozenset(words.split())
 
 
-EXCEL_ERROR = re.compile(r"#(?:N/A|[A-Z/0]+[!?])")
+EXCEL_ERROR = re.compile(r"#(?:N/[AVD]|NV|YOK|¿?[^\W\d_a-z][^\W_a-z/]*[!?])")
 _SAME_SIGN = str.maketrans({"−": "-", "∕": "/", "⁄": "/", "·": ".", "⋅": ".", "’": "'"})
 
 

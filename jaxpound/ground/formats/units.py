@@ -19,7 +19,7 @@ UNITS = {  # in m/s2
     "g/10": 0.1 * STANDARD_GRAVITY,  # of digitised films
 }
 SECONDS = {"s": 1.0, "ms": 0.001}
-_METRE, _SECOND, _PER = "met(?:er|re)s?", "(?:seconds?|secs?|segs?|s)", "(?: ?/ ?| per )"
+_METRE, _SECOND, _PER = "met(?:er|re)s?", "(?:seconds?|secs?|segs?|sn|s)", "(?: ?/ ?| per )"
 _SQUARED = r"(?: ?(?:\^|\*\*)? ?[2²]| squared)"
 UNIT = re.compile(
     f"(?:(?:(?P<mm>milli-?{_METRE}|mm)|(?P<cm>centi-?{_METRE}|cm)|(?P<m>{_METRE}|m)"
@@ -28,7 +28,7 @@ UNIT = re.compile(
     rf"|{_PER}(?:{_SECOND}{_SQUARED}|\({_SECOND}{_SQUARED}\))"
     rf"|[ .*_]?{_SECOND} ?(?:\^|\*\*)? ?(?:-2|\(-2\))"
     "|p?s2|_(?:per_)?s_?2)"  # as in the names of columns acc_ms2, acc_m_s2
-    "|(?P<gal>gals?)|(?P<mg>(?:m|milli[ -]?)g(?:'?s)?)|(?P<tenth>g ?/ ?10)|(?P<g>g(?:'?s)?))"
+    "|(?P<gal>gal(?:e?s)?)|(?P<mg>(?:m|milli[ -]?)g(?:'?s)?)|(?P<tenth>g ?/ ?10)|(?P<g>g(?:'?s)?))"
     "(?![^\\W_])",
     re.I,
 )
@@ -85,8 +85,12 @@ def looks_like_unit(text: str) -> bool:
 BRACKET = re.compile(r"[(\[]([^()\[\]]{0,40}+(?:\([^()\[\]]{0,9}+\)[^()\[\]]{0,9}+)?+)")
 _A_NUMBER = re.compile(rf"{NUMBER} ?")
 TIMES = set_of("t time times timestamp datetime temps zeit tiempo tempo zaman s sec seconds ms")
-OTHER_QUANTITIES = set_of(
-    "vel velocity disp displacement jerk arias husid cav intensity energy sa sv sd psa psv psd "
+OTHER_HISTORIES = set_of(
+    "vel velocity velocidad velocita velocità vitesse geschwindigkeit hız hiz disp displacement "
+    "desplazamiento déplacement deplacement verschiebung weg spostamento deplasman yerdeğiştirme"
+)
+OTHER_QUANTITIES = OTHER_HISTORIES | set_of(
+    "espectral spektralbeschleunigung jerk arias husid cav intensity energy sa sv sd psa psv psd "
     "spectral spectrum spectra response fourier drift strain stress force moment rotation "
     "pressure temperature voltage depth length distance altitude elevation height frequency "
     "period angle coordinate coordinates magnitude"
