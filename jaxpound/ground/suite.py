@@ -254,7 +254,7 @@ def read_suite(
     Parameters
     ----------
     folder, pattern
-        The folder, and which of its files are read, such as "*.csv", regardless of case.
+        The folder, and which of its files are read, such as ``"*.csv"``, regardless of case.
     dt, units, rows, strict
         As in ``read_record``, for all files.
     component

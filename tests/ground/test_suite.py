@@ -128,7 +128,8 @@ def test_stations_of_mixed_formats(tmp_path):
     (tmp_path / "three.csv").write_text(columns([0.2, 0.1, 0.4], ["N-S", "E-W", "U-D"]))
     (tmp_path / "quake_001.csv").write_text(columns([0.2], "a"))
     (tmp_path / "quake_002.csv").write_text(columns([0.1], "a"))
-    suite = jp.read_suite(tmp_path)
+    with pytest.warns(jp.PlausibilityWarning, match=r"left out are three\.csv: components U-D"):
+        suite = jp.read_suite(tmp_path)
     assert suite.stations == {
         "AOM.*": ("AOM EW", "AOM NS"),
         "AOM1.*1": ("AOM1 EW1", "AOM1 NS1"),
@@ -139,8 +140,11 @@ def test_stations_of_mixed_formats(tmp_path):
         "three": ("three N-S", "three E-W"),
     }
     larger = ("AOM NS", "AOM1 NS1", "AOM2 NS2", "four_H2", "quake_001", "quake_002", "three N-S")
-    assert jp.read_suite(tmp_path, component="larger").names == larger
-    refused("component = 2 must be there .*: 'quake_001' has", jp.read_suite, tmp_path, component=2)
+    with pytest.warns(jp.PlausibilityWarning, match="U-D"):
+        assert jp.read_suite(tmp_path, component="larger").names == larger
+    says = "component = 2 must be there .*: 'quake_001' has"
+    with pytest.warns(jp.PlausibilityWarning, match="U-D"):
+        refused(says, jp.read_suite, tmp_path, component=2)
     left = suite.chosen(["three E-W", "AOM NS"])
     assert left.stations == {"AOM.*": ("AOM NS",), "three": ("three E-W",)}
     assert suite.scaled(2.0).stations == suite.stations

@@ -31,7 +31,7 @@ _UNITS = re.compile(
 )
 _OF = re.compile(r" ?(?:(?:of|is|are|the|utc)\b|in(?= )|[:=(\[,]|-(?= ))", re.I)
 _IN = re.compile(r"\b(?:in|en) ", re.I)
-_ITS_VALUE = re.compile(rf" ?[:=]? ?{NUMBER} ?$")
+_ITS_VALUE = re.compile(rf"[)\]]? ?[:=]? ?{NUMBER} ?$")
 _SEPARATOR = re.compile(r"(?:[,;:=/]|(?:is|are)\b) ?", re.I)
 _TIME_IN = re.compile(r"\btimes? (?:is |are )?in ", re.I)
 _AND = re.compile(r" ?(?:[,;&]|\band\b) ?", re.I)
@@ -211,7 +211,7 @@ _OTHER_HISTORY = re.compile(
     re.I,
 )
 _SPECTRUM = re.compile(r"\b(response|fourier|spectral) (?:amplitude )?(?:spectr|acc)", re.I)
-_NOT_OTHER = re.compile(r"\b(?:acc|peak|max)", re.I)
+_NOT_OTHER = re.compile(r"\b(?:acc|acel|beschl|ivme|peak|max)", re.I)
 
 
 def require_acceleration(header: Sequence[TextLine]) -> None:

@@ -51,7 +51,9 @@ class Layout:
     def components(self, header: Sequence[TextLine]) -> list[str]:
         """Names of the components that a header states."""
         lines = (self.matches("component", line) for line in header if self.component)
-        return list(dict.fromkeys(x.strip() for match in lines if match for x in match.groups()))
+        return list(
+            dict.fromkeys(x.strip() for match in lines if match for x in match.groups() if x)
+        )
 
 
 class Channel(NamedTuple):

@@ -105,7 +105,8 @@ LAYOUTS = (
     Layout(
         name="columns",
         component=r".*\b(?:component|componente|composante|komponente|canal|channel|orientation|"
-        r"dir)\b\.?[^:=]{0,15}[:=]? *(\w[\w-]*)",
+        r"dir)\b\.?[^:=]{0,15}[:=]? *(\w[\w-]*)"
+        r"|(?=.*(?:acc|acel|beschl|ivme))(?!.*horizontal).*\b(vertic\w*|vertik\w*|düşey)",
     ),
 )
 
