@@ -96,9 +96,6 @@ def _rows(
     while n > 0 and at < len(lines) and lines[at].text.lstrip()[:1] in set("+-.0123456789"):
         rows.append(printed.row_of(lines[at], form, min(n, form[0]) if form else None))
         n, at = n - len(rows[-1].numbers), at + 1
-    if n > 0 and at + 1 < len(lines) and _is_row(lines[at + 1]):
-        message = f"{shown(lines[at].text.strip())} must be a row of numbers"
-        raise MisreadError(lines[at].number, message)
     return rows, at
 
 

@@ -154,10 +154,7 @@ def _require_no_times(rows: list[ValueRow], width: int, dt: float | None) -> Non
 def _rise(
     rows: list[ValueRow], which: int | slice, dt: float | None = None, least: int = 4
 ) -> bool:
-    """Whether a column, or some of the numbers a row, rise evenly, as times and an index do.
-
-    With many rows, coarse printing is allowed for; of few, the step must be the user's.
-    """
+    """Whether a column, or some of the numbers a row, rise evenly, as times and an index do."""
     if isinstance(which, int):
         which = slice(which, which + 1)
     column = np.array([float(number) for row in rows for number in row.numbers[which]])
@@ -180,11 +177,7 @@ def _are_components(block: Block, dt: float | None) -> bool:
 
 
 def _without_first_numbers(block: Block, dt: float | None) -> Block:
-    """A block without the number of values and the time step that may stand ahead of them.
-
-    They are such numbers if the count is right, or printed as no other value is, and if the step
-    stands apart from the values and is the user's or behind a count.
-    """
+    """A block without the number of values and the time step that may stand ahead of them."""
     rows, stated = block.rows, block.stated
     head, *widths = [len(row.numbers) for row in rows[:3]]
     if len(rows) <= FEW or widths not in (
@@ -258,11 +251,7 @@ def _read_column_names(header: Sequence[TextLine], stated: Stated) -> None:
 
 
 def _names(own: tuple[str, ...], block: Block, width: int) -> list[tuple[str, ...]]:
-    """Names of the columns: those that the format states, or of the last lines of the header.
-
-    Such a line has a name for each column, with the separators of the rows, or names of directions
-    and channels only.
-    """
+    """Names of the columns: those that the format states, and of the last lines of the header."""
     lines: list[list[str]] = []
     for _, raw, cells in _names_in(block.header):
         bare = [re.sub(r"(?<=\S) ?[(\[].*", "", cell) for cell in cells]

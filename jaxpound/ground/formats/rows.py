@@ -163,10 +163,7 @@ def _is_number(text: str) -> bool:
 
 
 def row_of(line: TextLine, form: tuple[int, int] | None, n: int | None) -> ValueRow:
-    """The row of a line, of ``form``: values a row, and characters of each (0: any), flush right.
-
-    It must have ``n`` numbers, or one if that is None, and at most the values of a row.
-    """
+    """The row of a line of ``n`` values or more; ``form``: most, characters of each (0: any)."""
     number, text = line.number, line.text.rstrip()
     if form is None or not form[1]:
         return _plain_row(number, trimmed(text)) or _parse_row(number, trimmed(text))

@@ -1,8 +1,4 @@
-"""Lines of spreadsheets and loggers in plain form: quotes, decimal commas, dates and times.
-
-Quoted cells are read by ``csv``; behind this module a number has a decimal point, and an instant is
-in seconds from the first one.
-"""
+"""Lines of spreadsheets and loggers in plain form: quotes, decimal commas, dates and times."""
 
 from __future__ import annotations
 

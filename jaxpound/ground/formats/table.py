@@ -1,7 +1,6 @@
 """The table of formats, and the components of a file by it.
 
-Sources of the layouts: Shakal & Huang (1985) for CSMIP, with the readers of gmprocess (Hearne et
-al., 2019) for the networks; the networks' own headers for what they state in prose.
+Sources: Shakal & Huang (1985) for CSMIP, the readers of gmprocess (Hearne et al., 2019).
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from jaxpound.ground.formats import at2, blocks, columns, cosmos, json_events, knet, smc, units
+from jaxpound.ground.formats import at2, blocks, columns, json_events, knet, numbered, units
 from jaxpound.ground.formats.layout import Channel, Layout
 from jaxpound.ground.formats.spreadsheet import in_plain_form
 from jaxpound.ground.formats.statements import Stated, Statement
@@ -73,8 +72,8 @@ LAYOUTS = (
         form=(8, 9),
         pairs=(10, 7),
     ),
-    cosmos.LAYOUT,
-    smc.LAYOUT,
+    numbered.COSMOS,
+    numbered.SMC,
     *(
         Layout(
             name=name,
