@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
+from textwrap import shorten
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +154,7 @@ class _Source:
         """The component that is asked for, or the only one."""
         channels, names = self._accelerations(), [" ".join(x.names) for x in self.channels]
         words = (f"{i}: {name}".removesuffix(": ") for i, name in enumerate(names, 1))
-        listed = f"{len(names)} columns or blocks ({', '.join(words)})"
+        listed = f"{len(names)} columns or blocks ({shorten(', '.join(words), 200)})"
         line = self.channels[0].rows[0].line
         if column is not None:
             spelled = _plain(column) if isinstance(column, str) else "?"  # of no name

@@ -1,5 +1,7 @@
 """Headers that people write themselves, in the languages of the networks."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -134,3 +136,15 @@ def test_thousands_and_signs_of_all_countries(write):
         rows = (f"{t}{separator}{x}\n" for t, x in zip(times, values, strict=True))
         record = read_record(write(f"t (s){separator}acc (mm/s2)\n" + "".join(rows)))
         assert_is_motion(record, rtol=1e-3)
+
+
+def test_prose_on_a_few_points_is_no_number_of_values(write):
+    words = "Baseline from 10 points\nTaper of 2 samples of noise\n"
+    assert_is_motion(read_record(write(words + column()), dt=DT, units="g"))
+
+
+def test_times_in_json_are_no_component(write):
+    text = json.dumps({"time": TIME.round(4).tolist(), "acceleration": MOTION.tolist()})
+    assert_is_motion(read_record(write(text), units="g"))
+    says = r"400 columns or blocks \(1, 2, .*\[\.\.\.\]\): choose one"
+    assert_refuses(write(json.dumps([[x, x] for x in TIME])), 1, says, dt=DT)

@@ -8,7 +8,7 @@ from typing import Any
 
 from jaxpound.ground.formats import units
 from jaxpound.ground.formats.layout import Channel
-from jaxpound.ground.formats.rows import ValueRow, flatten, stated_in
+from jaxpound.ground.formats.rows import ValueRow, even_interval, flatten, stated_in
 from jaxpound.ground.formats.statements import Stated, Statement, interval, state_numbers
 from jaxpound.ground.formats.text import MisreadError, OtherKindError, TextLine, shown
 
@@ -31,7 +31,12 @@ def read(lines: list[TextLine]) -> list[Channel]:
         raise MisreadError(error.lineno, f"is no valid JSON: {error.msg}") from None
     except RecursionError:
         raise MisreadError(None, "is JSON of too many levels") from None
-    if channels := list(_histories(tree, {})):
+    channels = list(_histories(tree, {}))
+    times = [x for x in channels if "".join(x.names).lower() in units.TIMES]
+    if len(times) == 1 and len(channels) > 1:
+        stated = even_interval(times[0].rows)
+        return [x._replace(times=stated) for x in channels if x is not times[0]]
+    if channels:
         return channels
     raise OtherKindError(None, "is JSON without a list of numbers: it must hold a history")
 

@@ -27,8 +27,8 @@ _COUNT = re.compile(
     rf"|(?:{_POINTS}|n|(?:sample )?count)(?= ?[:=]))(?: p[eo]r ch?an[a-z]*)?{_NOT_A_RATE}"
 )
 _COUNT_BEHIND = re.compile(
-    r"(?<![\w.+/-])([0-9]{1,3}\.[0-9]{3}|[0-9]+),? (?:(?:raw|uncorrected|corrected|acc[a-z]*\.?) )"
-    rf"{{0,2}}{_POINTS}{_NOT_A_RATE}"
+    r"(?:^|(?<![\w.+/-])(?=[0-9]{3}))([0-9]{1,3}\.[0-9]{3}|[0-9]+),? (?:(?:raw|uncorrected|"
+    rf"corrected|acc[a-z]*\.?) ){{0,2}}{_POINTS}{_NOT_A_RATE}"
 )
 _INTERVAL = re.compile(
     r"\b(?:(?:sampling|sample|time|digiti[sz]ation)[ -]?(?:interval|step|period|increment|spacing)"
