@@ -22,8 +22,9 @@ from jaxpound._errors import InvalidInput
 
 T = TypeVar("T")
 
-# Fewer runs than this a device are not worth the coordination.
-_SMALLEST_SHARE = 16
+_RUNS = PartitionSpec("runs")
+_SMALLEST_SHARE = 16  # runs of a device: fewer are not worth the coordination
+_SMALL = 64  # numbers: a longer series that all runs share, such as a record, is not copied
 
 # Runs at a time of a core. Of 512 every array would fill a page of memory, so that a run's numbers
 # all fell on the same lines of the cache: a fifth slower, gradients three quarters.
@@ -33,11 +34,6 @@ _CPU_RUNS = 480
 # sum over all devices never ends where others wait to be launched: each of them has one thread for
 # a device, and so have those that each thread of Python launches (of which there may be three).
 _THREADS = 4
-
-# Longer series that all runs share, such as a record, are not copied for each run.
-_SMALL = 64
-
-_RUNS = PartitionSpec("runs")
 
 # Whether runs are traced that are not to be spread any more: those of one device, or a group of
 # them. JAX's own mesh does not say so inside a ``jit`` that was traced before.

@@ -47,25 +47,23 @@ from jaxpound.simulation.state import (
 )
 from jaxpound.simulation.stepping import step
 
+T = TypeVar("T")
+_SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}  # series of a response, to be extrapolated
+
 
 class Rollout(NamedTuple):
     """Everything a scan over the instants of a run needs."""
 
-    system: System
-    """The structures in the run's dtype."""
+    system: System  # the structures in the run's dtype
     constants: StepConstants
-    zero: jax.Array
-    """0; NaN in a run whose input breaks a rule, which makes all of it NaN."""
-    starting: RunStart
-    """How it starts."""
+    zero: jax.Array  # 0, or NaN in a run whose input breaks a rule, which makes all of it NaN
+    starting: RunStart  # how it starts
     start: RunState
-    extra: Any
-    """The caller's further numbers, cast and spread as all others are."""
+    extra: Any  # the caller's further numbers, cast and spread as all others are
     advance: Callable[..., Any]
     """From the state, the history sums, the step m, its input, and whether it is ``with_flows``, to
     the next state, each rod's c_m and the instant t_m."""
-    scan: Callable[..., tuple[Any, Any]]
-    """``scan_with_history`` of these steps."""
+    scan: Callable[..., tuple[Any, Any]]  # ``scan_with_history`` of these steps
 
     def observed(
         self,
@@ -187,12 +185,6 @@ def _(primals: Any, tangents: Any) -> Any:
     changes = [t for t in jax.tree.leaves(tangents) if not isinstance(t, SymbolicZero)]
     # Not 0 * change: a weight in reverse mode may be infinite, and an array of numbers empty.
     return primals[0], jnp.where(False, changes[0], 0).sum()
-
-
-T = TypeVar("T")
-
-_SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}
-"""Series of a response that are extrapolated."""
 
 
 def extrapolated(coarse: T, fine: T) -> T:

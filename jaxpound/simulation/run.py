@@ -44,6 +44,8 @@ from jaxpound.simulation.series import StoredSeries, response_of
 from jaxpound.simulation.state import Instant, of_all_masses
 from jaxpound.simulation.tally import Tally
 
+Case = tuple[Structures, Ground, InitialState | None]  # of a run, with its start
+
 
 def simulate(
     structures: Structures,
@@ -232,10 +234,6 @@ def _prepare(
         findings = unseen(ground, grid, strict=strict) + imprecise(system, grid, traceable)
         warn(owner, findings, strict)
     return traceable
-
-
-Case = tuple[Structures, Ground, InitialState | None]
-"""The structures, the ground motion and the start of a run."""
 
 
 def _run(

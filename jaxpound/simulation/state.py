@@ -21,14 +21,8 @@ from jaxpound.simulation.scan import BlockForm
 from jaxpound.simulation.slider import has_slider
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState
 
-FEW_RODS = 8
-"""Rods up to which batches have a shortcut from local flows, and every peak and law of hysteresis
-is a program of its own. Of more rods such programs take long to compile."""
-
-WRITTEN_OUT = 4
-"""Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
-flow or rods have another law of hysteresis than ``Bilinear``, they are a loop, which compiles in a
-third of the time."""
+FEW_RODS = 8  # beyond, batches have no shortcut, and peaks and laws are arrays: it compiles sooner
+WRITTEN_OUT = 4  # rods up to which a block is unrolled; a loop compiles in a third of the time
 
 
 def each(function: Callable[..., Any], *series: Iterable[Any]) -> tuple[Any, ...]:

@@ -42,6 +42,8 @@ from jaxpound.simulation.contact.records import APART, PRESSED, Contact, FlowInp
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, LinkMotion, LinkStep
 from jaxpound.simulation.inertance import Inerters
 
+_REVERSED = "velocity", "velocity_now", "jump", "turn", "phase"  # for a link's other face
+
 
 class Coupling(NamedTuple):
     """Constants of a group of n links and f faces (``forces``) that may need the local flow."""
@@ -161,10 +163,6 @@ def with_other_faces(motion: LinkMotion, faces: tuple[int, ...]) -> LinkMotion:
     forces = jax.tree.map(lambda y: _of_links_alone(y, faces), forces)
     times = jax.tree.map(lambda y: jnp.stack([*y, *(y[k] for k in faces)]), times)
     return LinkMotion(**seen, **forces, **times)
-
-
-_REVERSED = ("velocity", "velocity_now", "jump", "turn", "phase")
-"""What the other face of a link sees with the opposite sign."""
 
 
 @jax.tree_util.register_dataclass

@@ -24,8 +24,7 @@ from jaxpound.simulation.contact.group import (
 )
 from jaxpound.simulation.contact.records import FlowResult
 
-FLOW = "local flow"
-"""Name of the results of local flows, which reverse mode keeps where it computes steps anew."""
+FLOW = "local flow"  # name of its results, which reverse mode keeps where it computes steps anew
 
 
 class Groups(NamedTuple):
