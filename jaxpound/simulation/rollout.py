@@ -31,20 +31,14 @@ from jaxpound.model.system import Structures, System, gravity_of
 from jaxpound.model.topology import Topology, elongation, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
+from jaxpound.simulation import state as run_state
 from jaxpound.simulation.batches import spread, without_mesh
 from jaxpound.simulation.contact.group import may_flow
 from jaxpound.simulation.contact.group_flows import FLOW
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
 from jaxpound.simulation.starting import RunStart
-from jaxpound.simulation.state import (
-    Instant,
-    RunState,
-    StepConstants,
-    of_all_masses,
-    start_state,
-    step_constants,
-)
+from jaxpound.simulation.state import Instant, RunState, StepConstants, of_all_masses
 from jaxpound.simulation.stepping import step
 
 T = TypeVar("T")
@@ -131,8 +125,8 @@ class Rollout(NamedTuple):
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
             stretched = tuple(elongation(ends, displaced) for ends in system.topology.rods)
-        constants = step_constants(system, dt, scheme.order, slots)
-        start = start_state(system, constants, zero, dt, displaced, velocities)
+        constants = run_state.step_constants(system, dt, scheme.order, slots)
+        start = run_state.start_state(system, constants, zero, dt, displaced, velocities)
         excitation = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
         # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
         first = jax.tree.map(lambda x: x[0], excitation.series)
