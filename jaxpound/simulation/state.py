@@ -73,11 +73,7 @@ class StepConstants(NamedTuple):
 
     @property
     def has_laws_in_arrays(self) -> bool:
-        """Whether laws of hysteresis of many rods are computed in arrays.
-
-        They compile in half of the time; batches take up to 1.5 times as long, so that bilinear
-        rods, which are short, are not.
-        """
+        """Whether laws of many rods are in arrays: they compile in half the time but run longer."""
         return len(self.rods) > FEW_RODS and self.has_long_laws
 
     @property
@@ -178,8 +174,7 @@ def step_constants(system: System, dt: float, order: int, slots: int) -> StepCon
     couplings, mass_shares = {}, {}
     for n, group in groups.items():
         if needs_flow(group, links):
-            constants = coupling(topology, group, links, inverse, inerters)
-            couplings[n], mass_shares[n] = constants
+            couplings[n], mass_shares[n] = coupling(topology, group, links, inverse, inerters)
     frictions = tuple(link.friction for link in links)
     of_links = frictions, alike(groups, couplings), mass_shares, inerters, slots
     return StepConstants(topology, inverse, rods, hysteresis, *of_links)
