@@ -64,8 +64,7 @@ def use_cores(n: int | None = None) -> int:
             threads = max(cores, _THREADS * n, int(own) if own.isdecimal() else 0)
             os.environ["PJRT_NPROC"] = str(threads)
     except RuntimeError as error:
-        started = len(jax.devices("cpu"))
-        if started != n:
+        if (started := len(jax.devices("cpu"))) != n:
             rule = f"must be set before JAX computes anything; it has started with {started}"
             raise RuntimeError(f"use_cores: n = {n} {rule}") from error
     return n
@@ -219,8 +218,7 @@ def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
         jnp.broadcast_to(x, (size, *jnp.shape(x))) if is_in and not is_batched else x
         for x, is_batched, is_in in zip(leaves, batched, in_batch, strict=True)
     ]
-    mesh = _mesh_for(size)
-    if mesh is None:
+    if (mesh := _mesh_for(size)) is None:
         return _spread(*rows), in_batch  # an outer vmap may still divide its own axis
     split = NamedSharding(mesh, _RUNS)
     pairs = zip(rows, in_batch, strict=True)
@@ -242,8 +240,7 @@ def on_each_device(
         finally:
             _is_apart.reset(token)
 
-    mesh = _mesh_for(size)
-    if mesh is None:
+    if (mesh := _mesh_for(size)) is None:
         return apart(*args)
     specs = tuple(PartitionSpec() if common else _RUNS for common in shared or [False] * len(args))
     local = jax.shard_map(apart, mesh=mesh, in_specs=specs, out_specs=_RUNS, check_vma=False)
@@ -263,8 +260,7 @@ def _mesh_for(size: int) -> Mesh | None:
 @cache
 def _mesh() -> Mesh | None:
     """The devices of this process, if there are several."""
-    devices = jax.local_devices()
-    if len(devices) < 2:
+    if len(devices := jax.local_devices()) < 2:
         return None
     return Mesh(np.array(devices), ("runs",), axis_types=(AxisType.Auto,))
 

@@ -99,8 +99,7 @@ def use_loop_kernels() -> None:
     """
     if jax.__version_info__ >= _MAKES_LOOP_KERNELS:
         return
-    flags = os.environ.get("XLA_FLAGS", "")
-    if _LOOP_KERNELS in flags:
+    if _LOOP_KERNELS in (flags := os.environ.get("XLA_FLAGS", "")):
         return
     devices = jax.config.jax_num_cpu_devices  # type: ignore[attr-defined]
     try:  # another number, which JAX refuses once it has started

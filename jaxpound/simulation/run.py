@@ -334,8 +334,7 @@ def _finished(result: Any) -> Any:
     scalars = result.demand if isinstance(result, Response) else result
     if is_traced(scalars) or all(np.isfinite(x).all() for x in jax.tree.leaves(scalars)):
         return result
-    names = [name for _, names_of in scalars.columns() for name in names_of]
-    values = {name: getattr(scalars, name) for name in names}
+    values = {name: getattr(scalars, name) for _, names in scalars.columns() for name in names}
     if not all(np.all(is_valid(Demand, k, x)) for k, x in values.items() if x is not None):
         raise FloatingPointError(
             "the run ended in non-finite numbers: the ground motion returns some or overflows, the "
