@@ -22,8 +22,9 @@ from jaxpound._errors import InvalidInput
 
 T = TypeVar("T")
 
-# Fewer runs than this a device are not worth the coordination.
-_SMALLEST_SHARE = 16
+_RUNS = PartitionSpec("runs")
+_SMALLEST_SHARE = 16  # runs of a device: fewer are not worth the coordination
+_SMALL = 64  # numbers: a longer series that all runs share, such as a record, is not copied
 
 # Runs at a time of a core. Of 512 every array would fill a page of memory, so that a run's numbers
 # all fell on the same lines of the cache: a fifth slower, gradients three quarters.
@@ -33,11 +34,6 @@ _CPU_RUNS = 480
 # sum over all devices never ends where others wait to be launched: each of them has one thread for
 # a device, and so have those that each thread of Python launches (of which there may be three).
 _THREADS = 4
-
-# Longer series that all runs share, such as a record, are not copied for each run.
-_SMALL = 64
-
-_RUNS = PartitionSpec("runs")
 
 # Whether runs are traced that are not to be spread any more: those of one device, or a group of
 # them. JAX's own mesh does not say so inside a ``jit`` that was traced before.
@@ -68,8 +64,7 @@ def use_cores(n: int | None = None) -> int:
             threads = max(cores, _THREADS * n, int(own) if own.isdecimal() else 0)
             os.environ["PJRT_NPROC"] = str(threads)
     except RuntimeError as error:
-        started = len(jax.devices("cpu"))
-        if started != n:
+        if (started := len(jax.devices("cpu"))) != n:
             rule = f"must be set before JAX computes anything; it has started with {started}"
             raise RuntimeError(f"use_cores: n = {n} {rule}") from error
     return n
@@ -223,8 +218,7 @@ def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
         jnp.broadcast_to(x, (size, *jnp.shape(x))) if is_in and not is_batched else x
         for x, is_batched, is_in in zip(leaves, batched, in_batch, strict=True)
     ]
-    mesh = _mesh_for(size)
-    if mesh is None:
+    if (mesh := _mesh_for(size)) is None:
         return _spread(*rows), in_batch  # an outer vmap may still divide its own axis
     split = NamedSharding(mesh, _RUNS)
     pairs = zip(rows, in_batch, strict=True)
@@ -246,8 +240,7 @@ def on_each_device(
         finally:
             _is_apart.reset(token)
 
-    mesh = _mesh_for(size)
-    if mesh is None:
+    if (mesh := _mesh_for(size)) is None:
         return apart(*args)
     specs = tuple(PartitionSpec() if common else _RUNS for common in shared or [False] * len(args))
     local = jax.shard_map(apart, mesh=mesh, in_specs=specs, out_specs=_RUNS, check_vma=False)
@@ -267,8 +260,7 @@ def _mesh_for(size: int) -> Mesh | None:
 @cache
 def _mesh() -> Mesh | None:
     """The devices of this process, if there are several."""
-    devices = jax.local_devices()
-    if len(devices) < 2:
+    if len(devices := jax.local_devices()) < 2:
         return None
     return Mesh(np.array(devices), ("runs",), axis_types=(AxisType.Auto,))
 

@@ -28,16 +28,9 @@ from jaxpound.simulation.run import implausible_links, respond
 from jaxpound.simulation.scheme import Scheme, require_stable, stability_limit, stiffest_rod
 from jaxpound.units import Scales
 
-STEPS_PER_PERIOD = 50
-"""Steps in a natural period, at least: the scheme's error in a free vibration is then below 0.1 %
-of its period."""
-
-MOST_SHORTENED = 20.0
-"""Times as many steps as periods and record need: above it, a run warns of a small τ_f."""
-
-MOST_STEPS = 1_000_000
-"""Of a run."""
-
+STEPS_PER_PERIOD = 50  # at least: the error in a free vibration is then below 0.1 % of its period
+MOST_SHORTENED = 20.0  # times the steps that periods and record need: above it, a run warns of τ_f
+MOST_STEPS = 1_000_000  # of a run
 DURATION = Range(1e-3, 3600, "s", "at most an hour: the longest earthquakes take ten minutes")
 
 

@@ -20,6 +20,13 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxpound._checks import Rule, enforce, number
 from jaxpound._errors import InvalidInput
 
+BLOCK = 4  # steps: few, so that the unrolled block compiles fast, but modes are seldom updated
+NEAR = 2 * BLOCK - 1  # the longest lag in a block and the one before, which are summed by terms
+
+_GROUP = 16  # modes, whose matrices take 512 bytes: XLA runs loops of them without its scheduler
+_MOST_MODES, _LOG_STEP = 48, 0.125
+_HORIZON = 2.0  # of the Gramian: decay that is slower than the run need not be resolved
+
 
 def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... {n}+1"]:
     """Grünwald–Letnikov weights ω_0 … ω_n of a derivative of the given order (paper, eq. 11).
@@ -32,13 +39,6 @@ def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... {n}+1"]:
     order = jnp.asarray(order, jnp.result_type(order, float))[..., None]
     j = jnp.arange(1, n + 1).reshape(*[1] * (order.ndim - 1), n)
     return jnp.concatenate([jnp.ones_like(order), jnp.cumprod(1 - (order + 1) / j, axis=-1)], -1)
-
-
-# The terms of a block of steps and of the block before it are summed one by one, all older ones in
-# one matrix product. Few steps, so that the unrolled block compiles fast; enough that the modes are
-# seldom updated.
-BLOCK = 4
-NEAR = 2 * BLOCK - 1  # the longest lag within the two
 
 
 @runtime_checkable
@@ -96,11 +96,6 @@ class FullHistory:
     ) -> jax.Array:
         """Write c in its place; c before the start is zero, so that its place does not matter."""
         return lax.dynamic_update_slice(memory, c, (start,))
-
-
-# Modes are kept in groups small enough that a group's matrices take 512 bytes: on a CPU, XLA runs
-# loops with such small buffers without its scheduler.
-_GROUP = 16
 
 
 class _ModeGroup(NamedTuple):
@@ -195,14 +190,6 @@ class ModalHistory:
         return [m.decay * y + c @ m.absorb for m, y in zip(kernel, memory, strict=True)]
 
 
-# For j ≥ 2, ω_j = −(sin πγ/π) ∫_0^∞ e^{−u(j−2)} e^{−u(2−γ)} (1 − e^{−u})^γ du. The trapezoidal rule
-# in log u is exact to rounding; a balanced truncation of it leaves a few exponentials. They stand
-# for j > BLOCK only, where the weights are smooth in j.
-_LOG_STEP = 0.125
-_MOST_MODES = 48
-_HORIZON = 2.0  # of the Gramian: decay that is slower than the run need not be resolved
-
-
 @lru_cache(maxsize=256)
 def _decay_rates(n_steps: int) -> np.ndarray:
     return np.exp(np.arange(np.log(1 / n_steps) - 30, np.log(40.0), _LOG_STEP))
@@ -210,6 +197,9 @@ def _decay_rates(n_steps: int) -> np.ndarray:
 
 def _spectrum(order: Any, n_steps: int, xp: Any) -> Any:
     """Weights (..., dense) of e^{−u(j−BLOCK−1)} for u of ``_decay_rates``, at any order."""
+    # For j ≥ 2, ω_j = −(sin πγ/π) ∫_0^∞ e^{−u(j−2)} e^{−u(2−γ)} (1 − e^{−u})^γ du. The trapezoidal
+    # rule in log u is exact to rounding; a balanced truncation of it leaves a few exponentials,
+    # which stand for j > BLOCK only, where the weights are smooth in j.
     order = xp.expand_dims(order, -1)
     u = _decay_rates(n_steps).reshape(*[1] * (order.ndim - 1), -1)
     shape = np.exp(-(BLOCK + 1) * u) * u * _LOG_STEP / np.pi

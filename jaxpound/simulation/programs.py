@@ -21,25 +21,16 @@ import jax
 import jax.monitoring
 from jax.experimental.compilation_cache import compilation_cache
 
-VARIABLE = "JAXPOUND_CACHE"
-"""Environment variable with the folder for caches; "off" keeps no programs."""
-
+VARIABLE = "JAXPOUND_CACHE"  # in the environment: the folder for caches; "off" keeps no programs
+AFTER = 3.0  # seconds of tracing and compiling until the note
 _OFF = "off"
 _LARGEST = 1 << 30  # bytes, above which those used longest ago are removed
 _WORTH_KEEPING = 0.3  # s of compilation
 _ENTRY = re.compile(r".+-[0-9a-f]{64}-(cache|atime)")  # the files of JAX
 _MARK = "looked-through"  # an empty file, as old as the last look at the entries
 _ZSTANDARD = b"\x28\xb5\x2f\xfd"  # first bytes of what it compresses
-
-# Loops of fewer bytes are one kernel.
-_LOOP_KERNELS = "xla_cpu_small_while_loop_byte_threshold=1000000"
-
-AFTER = 3.0
-"""Seconds of tracing and compiling until the note."""
-
-_MAKES_LOOP_KERNELS = (0, 12)
-"""The version of JAX from which on XLA makes kernels of small loops by itself."""
-
+_LOOP_KERNELS = "xla_cpu_small_while_loop_byte_threshold=1000000"  # smaller ones are one kernel
+_MAKES_LOOP_KERNELS = (0, 12)  # the version of JAX from which on XLA does so by itself
 _PHASES = ("jaxpr_trace", "jaxpr_to_mlir_module", "backend_compile")
 _EVENTS = frozenset(f"/jax/core/compile/{phase}_duration" for phase in _PHASES)  # of JAX
 _PAUSE = 0.5  # s, below which a phase goes on with the same wait
@@ -108,8 +99,7 @@ def use_loop_kernels() -> None:
     """
     if jax.__version_info__ >= _MAKES_LOOP_KERNELS:
         return
-    flags = os.environ.get("XLA_FLAGS", "")
-    if _LOOP_KERNELS in flags:
+    if _LOOP_KERNELS in (flags := os.environ.get("XLA_FLAGS", "")):
         return
     devices = jax.config.jax_num_cpu_devices  # type: ignore[attr-defined]
     try:  # another number, which JAX refuses once it has started
@@ -211,8 +201,6 @@ def _user_folder() -> Path:
         return Path.home() / "Library" / "Caches"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
 
-
-# --- a note -------------------------------------------------------------------------------------
 
 _log = logging.getLogger("jaxpound")
 _waits: dict[int, tuple[int, float, threading.Timer | None]] = {}

@@ -31,41 +31,33 @@ from jaxpound.model.system import Structures, System, gravity_of
 from jaxpound.model.topology import Topology, elongation, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
+from jaxpound.simulation import state as run_state
 from jaxpound.simulation.batches import spread, without_mesh
 from jaxpound.simulation.contact.group import may_flow
 from jaxpound.simulation.contact.group_flows import FLOW
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
 from jaxpound.simulation.starting import RunStart
-from jaxpound.simulation.state import (
-    Instant,
-    RunState,
-    StepConstants,
-    of_all_masses,
-    start_state,
-    step_constants,
-)
+from jaxpound.simulation.state import Instant, RunState, StepConstants, of_all_masses
 from jaxpound.simulation.stepping import step
+
+T = TypeVar("T")
+_SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}  # series of a response, to be extrapolated
 
 
 class Rollout(NamedTuple):
     """Everything a scan over the instants of a run needs."""
 
-    system: System
-    """The structures in the run's dtype."""
+    system: System  # the structures in the run's dtype
     constants: StepConstants
-    zero: jax.Array
-    """0; NaN in a run whose input breaks a rule, which makes all of it NaN."""
-    starting: RunStart
-    """How it starts."""
+    zero: jax.Array  # 0, or NaN in a run whose input breaks a rule, which makes all of it NaN
+    starting: RunStart  # how it starts
     start: RunState
-    extra: Any
-    """The caller's further numbers, cast and spread as all others are."""
+    extra: Any  # the caller's further numbers, cast and spread as all others are
     advance: Callable[..., Any]
     """From the state, the history sums, the step m, its input, and whether it is ``with_flows``, to
     the next state, each rod's c_m and the instant t_m."""
-    scan: Callable[..., tuple[Any, Any]]
-    """``scan_with_history`` of these steps."""
+    scan: Callable[..., tuple[Any, Any]]  # ``scan_with_history`` of these steps
 
     def observed(
         self,
@@ -133,8 +125,8 @@ class Rollout(NamedTuple):
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
             stretched = tuple(elongation(ends, displaced) for ends in system.topology.rods)
-        constants = step_constants(system, dt, scheme.order, slots)
-        start = start_state(system, constants, zero, dt, displaced, velocities)
+        constants = run_state.step_constants(system, dt, scheme.order, slots)
+        start = run_state.start_state(system, constants, zero, dt, displaced, velocities)
         excitation = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
         # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
         first = jax.tree.map(lambda x: x[0], excitation.series)
@@ -187,12 +179,6 @@ def _(primals: Any, tangents: Any) -> Any:
     changes = [t for t in jax.tree.leaves(tangents) if not isinstance(t, SymbolicZero)]
     # Not 0 * change: a weight in reverse mode may be infinite, and an array of numbers empty.
     return primals[0], jnp.where(False, changes[0], 0).sum()
-
-
-T = TypeVar("T")
-
-_SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}
-"""Series of a response that are extrapolated."""
 
 
 def extrapolated(coarse: T, fine: T) -> T:

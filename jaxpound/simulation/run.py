@@ -44,6 +44,8 @@ from jaxpound.simulation.series import StoredSeries, response_of
 from jaxpound.simulation.state import Instant, of_all_masses
 from jaxpound.simulation.tally import Tally
 
+Case = tuple[Structures, Ground, InitialState | None]  # of a run, with its start
+
 
 def simulate(
     structures: Structures,
@@ -234,10 +236,6 @@ def _prepare(
     return traceable
 
 
-Case = tuple[Structures, Ground, InitialState | None]
-"""The structures, the ground motion and the start of a run."""
-
-
 def _run(
     case: Case, grid: TimeGrid, scheme: Scheme, temperature: ArrayLike | None, keep: bool
 ) -> tuple[System, Demand, StoredSeries | None, tuple[Contact | None, ...]]:
@@ -336,8 +334,7 @@ def _finished(result: Any) -> Any:
     scalars = result.demand if isinstance(result, Response) else result
     if is_traced(scalars) or all(np.isfinite(x).all() for x in jax.tree.leaves(scalars)):
         return result
-    names = [name for _, names_of in scalars.columns() for name in names_of]
-    values = {name: getattr(scalars, name) for name in names}
+    values = {name: getattr(scalars, name) for _, names in scalars.columns() for name in names}
     if not all(np.all(is_valid(Demand, k, x)) for k, x in values.items() if x is not None):
         raise FloatingPointError(
             "the run ended in non-finite numbers: the ground motion returns some or overflows, the "

@@ -27,12 +27,9 @@ class StoredSeries(NamedTuple):
     x: tuple[Any, ...]
     v: tuple[Any, ...]
     forces: tuple[Any, ...]
-    dissipated: tuple[Any, ...]
-    """Energy dissipated by each rod that yields."""
-    links: tuple[dict[str, Any], ...]
-    """Closing, and the entries of a ``LinkResponse``."""
-    impacts: tuple[Impacts | None, ...]
-    """That ended in each step, for each link that may touch."""
+    dissipated: tuple[Any, ...]  # energy, by each rod that yields
+    links: tuple[dict[str, Any], ...]  # closing, and the entries of a ``LinkResponse``
+    impacts: tuple[Impacts | None, ...]  # that ended in each step, for each link that may touch
 
     @staticmethod
     def of(now: Instant, tally: Tally) -> StoredSeries:

@@ -23,9 +23,8 @@ from jax.extend.core import Jaxpr
 from jaxpound.simulation.batches import on_each_device
 from jaxpound.simulation.contact.lanes import next_lanes
 
-_SMALLEST, _MOST_GROUPS = 64, 8
-"""Runs of a group at least: so many take hardly longer than a few. And groups of a batch at most,
-as each of them reads and writes the results of all runs."""
+_SMALLEST = 64  # runs of a group, at least: so many take hardly longer than a few
+_MOST_GROUPS = 8  # of a batch: each of them reads and writes the results of all runs
 
 
 def with_shortcut(

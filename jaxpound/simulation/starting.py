@@ -44,11 +44,7 @@ class RunStart(NamedTuple):
     def kick(
         self, system: StepConstants, acceleration: jax.Array, is_first: jax.Array
     ) -> tuple[StepConstants, jax.Array]:
-        """The constants of a step and the mean acceleration of the ground in it.
-
-        The first step of a run that is displaced or moving has half of the acceleration and of the
-        inverse masses.
-        """
+        """The constants of a step and the mean acceleration of the ground in it."""
         if self.at_rest:
             return system, acceleration
         share = _share_of_kick(acceleration, is_first)
@@ -99,11 +95,7 @@ class RunStart(NamedTuple):
         )
 
     def link(self, link: LinkState, moved: MovedLink, is_first: jax.Array, dt: float) -> MovedLink:
-        """A link in a step, from its state before and from how it has moved.
-
-        The first step of a run that is displaced or moving has the closing of the start, and no
-        turns before it.
-        """
+        """A link in a step, which may be the first, from its state before and how it has moved."""
         if self.at_rest:
             return moved
         closing, contact, motion = moved

@@ -21,14 +21,8 @@ from jaxpound.simulation.scan import BlockForm
 from jaxpound.simulation.slider import has_slider
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState
 
-FEW_RODS = 8
-"""Rods up to which batches have a shortcut from local flows, and every peak and law of hysteresis
-is a program of its own. Of more rods such programs take long to compile."""
-
-WRITTEN_OUT = 4
-"""Rods up to which the steps of a block are unrolled; beyond, and where links may need the local
-flow or rods have another law of hysteresis than ``Bilinear``, they are a loop, which compiles in a
-third of the time."""
+FEW_RODS = 8  # beyond, batches have no shortcut, and peaks and laws are arrays: it compiles sooner
+WRITTEN_OUT = 4  # rods up to which a block is unrolled; a loop compiles in a third of the time
 
 
 def each(function: Callable[..., Any], *series: Iterable[Any]) -> tuple[Any, ...]:
@@ -79,11 +73,7 @@ class StepConstants(NamedTuple):
 
     @property
     def has_laws_in_arrays(self) -> bool:
-        """Whether laws of hysteresis of many rods are computed in arrays.
-
-        They compile in half of the time; batches take up to 1.5 times as long, so that bilinear
-        rods, which are short, are not.
-        """
+        """Whether laws of many rods are in arrays: they compile in half the time but run longer."""
         return len(self.rods) > FEW_RODS and self.has_long_laws
 
     @property
@@ -184,8 +174,7 @@ def step_constants(system: System, dt: float, order: int, slots: int) -> StepCon
     couplings, mass_shares = {}, {}
     for n, group in groups.items():
         if needs_flow(group, links):
-            constants = coupling(topology, group, links, inverse, inerters)
-            couplings[n], mass_shares[n] = constants
+            couplings[n], mass_shares[n] = coupling(topology, group, links, inverse, inerters)
     frictions = tuple(link.friction for link in links)
     of_links = frictions, alike(groups, couplings), mass_shares, inerters, slots
     return StepConstants(topology, inverse, rods, hysteresis, *of_links)

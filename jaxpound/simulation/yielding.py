@@ -51,10 +51,7 @@ class HysteresisConstants(NamedTuple):
         return self.modulus * self.law.dissipated(state.of_law)
 
     def once(self, tree: Any) -> Any:
-        """Numbers that XLA computes once; all but quotients it computes again for each use.
-
-        They are divided by K/K, which is 1: gradients take .75 of the time.
-        """
+        """Numbers over K/K, which is 1: XLA computes quotients once, all else for each use."""
         one = self.modulus / self.modulus
         return jax.tree.map(lambda y: y / one, tree)
 

@@ -206,8 +206,7 @@ def _errors_as_damage() -> Iterator[None]:
     except (DamagedError, MemoryError):
         raise
     except Exception as error:
-        reason = str(error) or type(error).__name__
-        raise DamagedError(" ".join(reason.split())) from error
+        raise DamagedError(" ".join((str(error) or type(error).__name__).split())) from error
 
 
 def digest(data: bytes) -> str:

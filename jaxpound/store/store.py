@@ -87,9 +87,8 @@ class Store:
                 archive.replace_file(folder / MANIFEST, lambda f: f.write(sealed), True)
         store = Store(folder, n)
         # Last those whose lists or texts are cut, so that they may not show what differs.
-        differences = [*_differences(store.manifest["identity"], identity)]
-        differences.sort(key=lambda difference: "..." in difference)
-        if differences:
+        unsorted = _differences(store.manifest["identity"], identity)
+        if differences := sorted(unsorted, key=lambda difference: "..." in difference):
             shown = "; ".join(differences[:6]) + ("; ..." if len(differences) > 6 else "")
             raise ValueError(f"store {folder} holds another study: {shown}")
         if n > store.requested():
@@ -217,8 +216,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     owner = f"store {folder}"
     try:
         with archive.open_file(folder / MANIFEST) as file:
-            text = file.read(_LARGEST_MANIFEST + 1)
-            if len(text) > _LARGEST_MANIFEST:
+            if len(text := file.read(_LARGEST_MANIFEST + 1)) > _LARGEST_MANIFEST:
                 raise archive.DamagedError("it is too large")
             content = json.loads(text)
             intact = content.pop("sha256", None) == _checksum(content)

@@ -121,15 +121,12 @@ class Event(NamedTuple):
     scale: Callable[[Place, jax.Array], jax.Array]
     """Size of the numbers whose difference the value is, in a substep of a length: rounding is a
     share of it."""
-    effect: Callable[[Setting, FlowState, Occurrence], FlowState]
-    """The state after the event, from that before it."""
+    effect: Callable[[Setting, FlowState, Occurrence], FlowState]  # the state after the event
     of_force: bool = False
     """Whether a value below zero at a substep's start is the event. Otherwise it counts as zero
     there: a gap that is slightly too small, and opens, does not close."""
-    may_return: bool = True
-    """Whether values that are below zero only between the ends of a substep count."""
-    of_closing: int = 0
-    """Sign of the closing in a value that is the distance to a gap, else 0."""
+    may_return: bool = True  # whether values below zero only between a substep's ends count
+    of_closing: int = 0  # sign of the closing in a value that is the distance to a gap, else 0
 
 
 def _speed(at: Place, length: jax.Array) -> jax.Array:

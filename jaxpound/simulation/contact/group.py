@@ -28,19 +28,14 @@ from jaxpound._extrema import larger
 from jaxpound.model.contact import with_mass
 from jaxpound.model.system import Link, System
 from jaxpound.model.topology import LinkGroup, Topology, link_groups
-from jaxpound.simulation.contact import records
+from jaxpound.simulation.contact import forces, records
 from jaxpound.simulation.contact.flows import flow
-from jaxpound.simulation.contact.forces import (
-    held_inverse,
-    inverse_of,
-    of_either_face,
-    response,
-    seen_by_faces,
-    times,
-)
+from jaxpound.simulation.contact.forces import of_either_face, seen_by_faces, times
 from jaxpound.simulation.contact.records import APART, PRESSED, Contact, FlowInput, FlowResult
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, LinkMotion, LinkStep
 from jaxpound.simulation.inertance import Inerters
+
+_REVERSED = "velocity", "velocity_now", "jump", "turn", "phase"  # for a link's other face
 
 
 class Coupling(NamedTuple):
@@ -66,7 +61,8 @@ class Coupling(NamedTuple):
         self, held: jax.Array, pull: jax.Array, prescribed: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         """Accelerations and forces where some links are held; ``prescribed`` act in the others."""
-        return response(self.delassus, held_inverse(self.delassus, held), held, pull, prescribed)
+        inverse = forces.held_inverse(self.delassus, held)
+        return forces.response(self.delassus, inverse, held, pull, prescribed)
 
     def gained(self, faces: tuple[int, ...], held: jax.Array, pull: jax.Array) -> jax.Array:
         """Accelerations, as the faces see them, of links under a pull, where some are held."""
@@ -129,7 +125,7 @@ def coupling(
     }
     weighed = [inverse[mass] * jnp.outer(sign, sign) for mass, sign in signs.items()]
     delassus = sum(weighed[1:], weighed[0])
-    whole = inverse_of(delassus)
+    whole = forces.inverse_of(delassus)
     shares = {mass: inverse[mass] * (sign @ whole) for mass, sign in signs.items()}
     if inerters is not None:  # whose impulses do not change the shares
         delassus = inerters.delassus[np.ix_(group.links[:n], group.links[:n])]
@@ -161,10 +157,6 @@ def with_other_faces(motion: LinkMotion, faces: tuple[int, ...]) -> LinkMotion:
     forces = jax.tree.map(lambda y: _of_links_alone(y, faces), forces)
     times = jax.tree.map(lambda y: jnp.stack([*y, *(y[k] for k in faces)]), times)
     return LinkMotion(**seen, **forces, **times)
-
-
-_REVERSED = ("velocity", "velocity_now", "jump", "turn", "phase")
-"""What the other face of a link sees with the opposite sign."""
 
 
 @jax.tree_util.register_dataclass
@@ -320,7 +312,7 @@ def finish_step(
     kick = before.pull - (velocity - before.velocity) / h
     motion_of_flow = LinkMotion(
         velocity=velocity,
-        mean_force=_of_links_alone(times(inverse_of(group.delassus), kick[:n]), faces),
+        mean_force=_of_links_alone(times(forces.inverse_of(group.delassus), kick[:n]), faces),
         force=at.friction,
         velocity_now=at.velocity + h / 2 * gain_now,
         jump=after - before.closing - h * velocity,

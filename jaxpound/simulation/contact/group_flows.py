@@ -15,17 +15,11 @@ from jax.ad_checkpoint import checkpoint_name
 
 from jaxpound.model.topology import GROUND, LinkGroup
 from jaxpound.simulation.alike import by_kind, stacked, unstacked
-from jaxpound.simulation.contact.group import (
-    Coupling,
-    GroupStep,
-    is_flow_needed,
-    mean_sample_shift,
-    run_flow,
-)
+from jaxpound.simulation.contact import group as contact_group
+from jaxpound.simulation.contact.group import Coupling, GroupStep
 from jaxpound.simulation.contact.records import FlowResult
 
-FLOW = "local flow"
-"""Name of the results of local flows, which reverse mode keeps where it computes steps anew."""
+FLOW = "local flow"  # name of its results, which reverse mode keeps where it computes steps anew
 
 
 class Groups(NamedTuple):
@@ -119,12 +113,12 @@ def alike(places: Mapping[int, LinkGroup], couplings: Mapping[int, Coupling]) ->
 
 def flows_of(groups: Groups, before: GroupStep) -> GroupFlows:
     """The groups after their local flows."""
-    result, used = checkpoint_name(groups.map(run_flow, before), FLOW)
-    shift = groups.map(mean_sample_shift, result, used, before)
+    result, used = checkpoint_name(groups.map(contact_group.run_flow, before), FLOW)
+    shift = groups.map(contact_group.mean_sample_shift, result, used, before)
     return GroupFlows(groups, before, result, used, shift)
 
 
 def need_flows(groups: Sequence[tuple[Groups, GroupStep]]) -> jax.Array:
     """Whether any group needs its local flow."""
-    needed = (jnp.ravel(of.map(is_flow_needed, before)) for of, before in groups)
+    needed = (jnp.ravel(of.map(contact_group.is_flow_needed, before)) for of, before in groups)
     return jnp.concatenate([*needed]).any()

@@ -17,12 +17,8 @@ from jax.custom_batching import custom_vmap
 
 from jaxpound.simulation.batches import on_each_device
 
-_FEW = 16
-"""Lanes that are all computed where any needs it, such as the floors of two buildings: XLA makes no
-kernel of a loop that puts results of some in their places."""
-
-_COMPARED = 4096
-"""Lanes up to which comparing all of them finds the next ones; beyond, a binary search."""
+_FEW = 16  # lanes, all computed where any needs it: XLA makes no kernel of a loop that scatters
+_COMPARED = 4096  # lanes up to which comparing all of them finds the next; beyond, a binary search
 
 
 def where_needed(work: Callable[..., Any], width: int) -> Callable[..., Any]:

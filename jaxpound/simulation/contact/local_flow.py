@@ -191,8 +191,6 @@ class LocalFlow:
         tried = jnp.where(self._is_limited(regime), smaller(longest, left), left)
         return lax.stop_gradient(tried)
 
-    # -- a substep ----------------------------------------------------------------------------
-
     def _forces(self, y: jax.Array, regime: Regime, inverse: jax.Array | None = None) -> Forces:
         inverse = self.laws.inverse(regime) if inverse is None else inverse
         return self._forces_in(regime, inverse)(*y[:3])
@@ -269,8 +267,6 @@ class LocalFlow:
         )
         peak = larger(contact.peak_force, now.contact)
         return x._replace(log=log, contact=contact._replace(peak_force=peak))
-
-    # -- events -------------------------------------------------------------------------------
 
     def _values(
         self, x: FlowState, y: jax.Array, inverse: jax.Array
@@ -366,8 +362,6 @@ class LocalFlow:
         nowhere = Place(zero, zero, Forces(*[zero] * len(Forces._fields)), zero)
         start = time, x.y, nowhere, nowhere
         return lax.fori_loop(0, _NEWTON_STEPS, nearer, start)[1:]
-
-    # -- the end ------------------------------------------------------------------------------
 
     def result(self, x: FlowState) -> FlowResult:
         """The result of a flow from the state in which it ended."""

@@ -10,11 +10,9 @@ APART, PRESSED, CLIPPED, REST = 0.0, 1.0, 2.0, 3.0
 """Modes of a link's contact. ``APART``: open. ``PRESSED``: force ≥ 0. ``CLIPPED``: the force would
 pull and is set to 0. ``REST``: closed at rest (Newton's law), with a reaction force."""
 
-SLOTS = 4
-"""Impacts recorded for each link in one step."""
-
-SOFT = 8
-"""Exponent of the norm of impacts' peak forces that is a soft maximum."""
+SLOTS = 4  # impacts recorded for each link in one step
+SOFT = 8  # exponent of the norm of impacts' peak forces that is a soft maximum
+DISCRETE = "mode", "counts", "fastest"  # by which, of a ``Contact``, nothing is differentiated
 
 
 def is_deformed(mode: jax.Array) -> jax.Array:
@@ -32,10 +30,6 @@ class Contact(NamedTuple):
     touch_time: jax.Array
     impulse: jax.Array  # so far
     peak_force: jax.Array  # so far
-
-
-DISCRETE = ("mode", "counts", "fastest")
-"""Fields of a ``Contact`` by which nothing is differentiated."""
 
 
 class FlowInput(NamedTuple):
