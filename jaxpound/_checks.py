@@ -242,13 +242,12 @@ def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
 
 _MAKES_STRUCTURES = "Buildings((left, right), links) makes structures of them"
 _TAKE_DIMENSIONLESS = "simulate and demand take dimensionless structures"
-_TAKEN_BY = {
+_TAKEN_BY = {  # what takes an object that users pass to the wrong function, by its class
     "Building": f"simulate_buildings takes two of them, and {_MAKES_STRUCTURES}",
     "ShearBuilding": f"simulate_row takes them, and {_MAKES_STRUCTURES}",
     "Buildings": "simulate and demand take it whole; its field buildings has each building",
     **dict.fromkeys(("AdjacentStructures", "Row", "Storeys", "System"), _TAKE_DIMENSIONLESS),
 }
-"""The right function for objects that users pass to the wrong one, by the object's class."""
 
 
 def instead(value: Any, types: str) -> str:

@@ -116,13 +116,11 @@ def _html_row(row: Sequence[str], right: Sequence[bool], tags: Sequence[tuple[st
     return f"<tr>{''.join(cells)}</tr>"
 
 
-_LONGEST = 800
-"""Characters of a dataclass's representation, about ten lines of a terminal; a longer one leaves
-out entries of tuples and digits of numbers."""
+_LONGEST = 800  # characters of a dataclass's representation: about ten lines of a terminal
 
 
 def dataclass_repr(obj: Any) -> str:
-    """``__repr__`` of a dataclass, shortened where it is long."""
+    """``__repr__`` of a dataclass; a long one leaves out entries of tuples and digits."""
     text = _repr_by(_in_full, obj)
     return text if len(text) <= _LONGEST else _in_short(obj)
 

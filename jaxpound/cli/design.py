@@ -163,8 +163,7 @@ class DesignTask(NamedTuple):
     parameters: Parameters
     space: jp.DesignSpace
     ensemble: jp.Ensemble
-    recorded: dict[str, jp.Ensemble]
-    """The recorded earthquakes, each alone, by name."""
+    recorded: dict[str, jp.Ensemble]  # each of the recorded earthquakes alone, by name
     objective: jp.Objective
     grid: jp.TimeGrid
 

@@ -28,13 +28,10 @@ if TYPE_CHECKING:
     from jaxpound._tables import TextTable
     from jaxpound.study.statistics import Estimate
 
-Write = Callable[[BinaryIO], Any]
-"""Writes a file to a stream."""
+Write = Callable[[BinaryIO], Any]  # writes a file to a stream
 
 VERSION = f"jaxpound {jp.__version__}."
-
-FORMS = ("pair", "row")
-"""Forms of a configuration: two buildings of one storey, and buildings of several in a row."""
+FORMS = ("pair", "row")  # of a configuration: two buildings of one storey, or a row of buildings
 
 
 def example(command: str, form: str = "pair") -> str:

@@ -40,15 +40,14 @@ X = TypeVar("X")
 _OF_ROD = ("order", "tau_f", "tau_x")
 _OF_LAWS = {f"{name}.{key}": x for name, law in LAWS.items() for key, x in ranges(law).items()}
 
-_RANGES: dict[str, Range] = {
+_RANGES: dict[str, Range] = {  # of a parameter, by the end of its key in a row
     **{key: ranges(BlockSection)[key] for key in ("mass", "stiffness", *_OF_ROD)},
     **{key: ranges(LinkSection)[key] for key in ("friction_force", "gap")},
     **_OF_LAWS,
     **{key: metadata(jp.BoucWen, key).range for key in paths(jp.BoucWen)},
 }
-"""Range of a parameter by the end of its key in a row."""
 
-_ALIASES = {
+_ALIASES = {  # keys of a pair: the table with the parameter, and the end of its key in a row
     "friction": ("[damper]", "friction_force"),
     "initial_gap": ("", "gap"),
     "mass_ratio": ("[building_2]", "mass"),
@@ -56,7 +55,6 @@ _ALIASES = {
     **{f"rod_{i}.{key}": (f"[building_{i}]", key) for i in (1, 2) for key in _OF_ROD},
     **{key: ("[contact]", key) for key in _OF_LAWS if key.startswith("contact.")},
 }
-"""Keys of a pair: the table of the file that has the parameter, and the end of its key in a row."""
 
 
 def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[str, tuple[str, X]]:

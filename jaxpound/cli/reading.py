@@ -139,11 +139,9 @@ def of_array(kind: Any) -> Any:
 class File:
     """A configuration file, or the example of a command."""
 
-    name: str
-    """The start of every message."""
+    name: str  # the start of every message
     text: str
-    folder: Path = Path()
-    """Folder to which the paths in it are relative."""
+    folder: Path = Path()  # to which the paths in the file are relative
 
     @staticmethod
     def opened(path: Path | None, command: str) -> File:

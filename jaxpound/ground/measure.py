@@ -14,8 +14,7 @@ _SIZES = (
     {SI["velocity"]: 1.0, "cm/s": 0.01},
     {DIMENSIONLESS["velocity"]: 1.0},
 )
-UNITS = tuple(unit for sizes in _SIZES[:2] for unit in sizes)
-"""Units of accelerations and velocities that do not depend on the structures."""
+UNITS = tuple(unit for sizes in _SIZES[:2] for unit in sizes)  # independent of the structures
 
 _NAMES = {
     "PGA": "pga|peak ground acceleration",
