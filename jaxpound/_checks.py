@@ -106,8 +106,7 @@ def real(owner: str, name: str, value: Any) -> Any:
 
 def number(owner: str, name: str, value: Any) -> Any:
     """``real`` of a single number; an ``InvalidInput`` for an array."""
-    value = real(owner, name, value)
-    if jnp.ndim(value):
+    if jnp.ndim(value := real(owner, name, value)):
         raise InvalidInput(owner, name, "", f"of shape {jnp.shape(value)} must be one number")
     return value
 
@@ -233,8 +232,7 @@ def require_batch(owner: str, **values: Any) -> None:
 
 def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
     """An ``InvalidInput`` for an object of another type."""
-    # A class has the methods of a protocol, too.
-    if isinstance(value, type) or not isinstance(value, kinds):
+    if isinstance(value, type) or not isinstance(value, kinds):  # a class has a protocol's methods
         types = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
         rule = f"must be of type {types}{instead(value, types)}"
         raise InvalidInput(owner, name, reprlib.repr(value), rule)

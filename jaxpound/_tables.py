@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 _NUMBER = re.compile(r"[-+]?(\d[\d,]*(\.\d+)?(e[-+]?\d+)?|inf|nan)( %)?|-")
-
 _BAR = r"\|"
 
 Cell = str | int | float
@@ -42,8 +41,7 @@ class TextTable(NamedTuple):
 
     def text(self) -> str:
         """The table for a terminal."""
-        cells = self._cells()
-        if cells and any(self.columns):
+        if (cells := self._cells()) and any(self.columns):
             cells.insert(0, list(self.columns))
         width = [max(map(len, column)) for column in zip(*cells, strict=True)]
         aligned = zip(self._right(), width, strict=True)

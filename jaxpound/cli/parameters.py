@@ -60,8 +60,7 @@ _ALIASES = {  # keys of a pair: the table with the parameter, and the end of its
 def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[str, tuple[str, X]]:
     """What a table states of each path, and by which key; ``*`` stands for any number.
 
-    A key without ``*`` takes precedence over one with ``*``, which leaves out those that
-    are not above 0.
+    A key without ``*`` takes precedence over one with it, which leaves out those not above 0.
     """
     by_path: dict[str, tuple[str, X]] = {}
     for key, value in table.items():
@@ -105,8 +104,7 @@ class Parameters:
                 fault = f"must be a parameter of the law of contact, {law}"
         else:
             allowed = [*dict.fromkeys(re.sub(r"\.\d+", ".*", x) for x in self.keys)]
-            fault = self._links_lack(key)
-            if not fault and re.sub(r"\.\d+", ".*", key) in allowed:
+            if not (fault := self._links_lack(key)) and re.sub(r"\.\d+", ".*", key) in allowed:
                 place_in_row = "building, floor, storey or [[link]]"
                 fault = f"must be of a {place_in_row} that is there, counted from 1"
         if fault:
