@@ -106,8 +106,7 @@ def real(owner: str, name: str, value: Any) -> Any:
 
 def number(owner: str, name: str, value: Any) -> Any:
     """``real`` of a single number; an ``InvalidInput`` for an array."""
-    value = real(owner, name, value)
-    if jnp.ndim(value):
+    if jnp.ndim(value := real(owner, name, value)):
         raise InvalidInput(owner, name, "", f"of shape {jnp.shape(value)} must be one number")
     return value
 
@@ -233,8 +232,7 @@ def require_batch(owner: str, **values: Any) -> None:
 
 def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
     """An ``InvalidInput`` for an object of another type."""
-    # A class has the methods of a protocol, too.
-    if isinstance(value, type) or not isinstance(value, kinds):
+    if isinstance(value, type) or not isinstance(value, kinds):  # a class has a protocol's methods
         types = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
         rule = f"must be of type {types}{instead(value, types)}"
         raise InvalidInput(owner, name, reprlib.repr(value), rule)
@@ -242,13 +240,12 @@ def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
 
 _MAKES_STRUCTURES = "Buildings((left, right), links) makes structures of them"
 _TAKE_DIMENSIONLESS = "simulate and demand take dimensionless structures"
-_TAKEN_BY = {
+_TAKEN_BY = {  # what takes an object that users pass to the wrong function, by its class
     "Building": f"simulate_buildings takes two of them, and {_MAKES_STRUCTURES}",
     "ShearBuilding": f"simulate_row takes them, and {_MAKES_STRUCTURES}",
     "Buildings": "simulate and demand take it whole; its field buildings has each building",
     **dict.fromkeys(("AdjacentStructures", "Row", "Storeys", "System"), _TAKE_DIMENSIONLESS),
 }
-"""The right function for objects that users pass to the wrong one, by the object's class."""
 
 
 def instead(value: Any, types: str) -> str:

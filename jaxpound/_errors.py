@@ -91,5 +91,4 @@ def warn(
         warnings.warn(f"{owner}: {finding}", category, stacklevel=level)
 
 
-# Where users import them, and as tracebacks show them.
-InvalidInput.__module__ = PlausibilityWarning.__module__ = "jaxpound"
+InvalidInput.__module__ = PlausibilityWarning.__module__ = "jaxpound"  # as tracebacks show them

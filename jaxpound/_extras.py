@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-EXTRAS = {
+EXTRAS = {  # the extra that installs a library
     "pandas": "tables",
     "pyarrow": "tables",
     "ipywidgets": "notebooks",
@@ -13,7 +13,6 @@ EXTRAS = {
     "openturns": "reliability",
     "SALib": "reliability",
 }
-"""The extra that installs a library."""
 
 
 def require(owner: str, library: str) -> Any:

@@ -293,8 +293,7 @@ def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, An
     """
     for path, obj in _objects(tree, prefix):
         for field in dataclasses.fields(obj):
-            spec = field.metadata.get(_SPEC)
-            if isinstance(spec, kind):
+            if isinstance(spec := field.metadata.get(_SPEC), kind):
                 value = None if isinstance(obj, type) else getattr(obj, field.name)
                 for name, entry in _entries(field, value):
                     yield path + name, spec, entry

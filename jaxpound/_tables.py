@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 _NUMBER = re.compile(r"[-+]?(\d[\d,]*(\.\d+)?(e[-+]?\d+)?|inf|nan)( %)?|-")
-
 _BAR = r"\|"
 
 Cell = str | int | float
@@ -42,8 +41,7 @@ class TextTable(NamedTuple):
 
     def text(self) -> str:
         """The table for a terminal."""
-        cells = self._cells()
-        if cells and any(self.columns):
+        if (cells := self._cells()) and any(self.columns):
             cells.insert(0, list(self.columns))
         width = [max(map(len, column)) for column in zip(*cells, strict=True)]
         aligned = zip(self._right(), width, strict=True)
@@ -116,13 +114,11 @@ def _html_row(row: Sequence[str], right: Sequence[bool], tags: Sequence[tuple[st
     return f"<tr>{''.join(cells)}</tr>"
 
 
-_LONGEST = 800
-"""Characters of a dataclass's representation, about ten lines of a terminal; a longer one leaves
-out entries of tuples and digits of numbers."""
+_LONGEST = 800  # characters of a dataclass's representation: about ten lines of a terminal
 
 
 def dataclass_repr(obj: Any) -> str:
-    """``__repr__`` of a dataclass, shortened where it is long."""
+    """``__repr__`` of a dataclass; a long one leaves out entries of tuples and digits."""
     text = _repr_by(_in_full, obj)
     return text if len(text) <= _LONGEST else _in_short(obj)
 

@@ -22,8 +22,7 @@ from jaxpound.model.system import System, as_tuple, is_closable
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.units import Scales, law_in_other_units, with_known_units
 
-_LAWS = ("contact", "damper", "velocity_friction", "inerter")
-"""Laws of a link, each with numbers that have units."""
+_LAWS = ("contact", "damper", "velocity_friction", "inerter")  # of a link, all with units
 
 
 @pytree_dataclass

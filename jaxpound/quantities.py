@@ -5,10 +5,9 @@ from __future__ import annotations
 STANDARD_GRAVITY = 9.80665
 """Standard gravity, m/s²."""
 
-MOST_PGA = 20.0
-"""Largest peak ground acceleration of a record, g: several times the largest ever recorded."""
+MOST_PGA = 20.0  # largest of a record, g: several times the largest ever recorded
 
-_UNITS = {
+_UNITS = {  # of each kind of quantity
     "time": ("s", "1/ω1"),
     "length": ("m", "g/ω1²"),
     "velocity": ("m/s", "g/ω1"),
@@ -21,9 +20,7 @@ _UNITS = {
     "hertz stiffness": ("N/m^1.5", "m1 ω1³/√g"),
 }
 SI = {kind: unit for kind, (unit, _) in _UNITS.items()}
-"""SI unit of each kind of quantity."""
-DIMENSIONLESS = {kind: unit for kind, (_, unit) in _UNITS.items()}
-"""Unit of each kind of quantity in eq. (9)."""
+DIMENSIONLESS = {kind: unit for kind, (_, unit) in _UNITS.items()}  # of eq. (9)
 
 
 def unit(kind: str | None, si: bool) -> str:

@@ -166,8 +166,7 @@ class Scales:
         return dataclasses.replace(known, si=True)
 
 
-SI_UNITS = Scales(mass=1.0, frequency=1.0, gravity=1.0)
-"""Scales of numbers that are in SI units already."""
+SI_UNITS = Scales(mass=1.0, frequency=1.0, gravity=1.0)  # of numbers in SI units already
 
 
 def scales_for(owner: str, structures: Structures, scales: Scales | None) -> Scales | None:

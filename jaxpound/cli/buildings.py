@@ -91,8 +91,7 @@ class BlockSection(YieldingSection):
         return self.yielding(jp.ShearBuilding((block,), *heights))
 
 
-UNITS = {key: allowed.unit for key, allowed in ranges(BlockSection).items()}
-"""Units of the numbers of a building, by key."""
+UNITS = {key: allowed.unit for key, allowed in ranges(BlockSection).items()}  # of a building
 
 
 class StoreySection(Section):
@@ -247,16 +246,11 @@ class BuildingsLayout:
     """The buildings of a file and what is between them, in SI units and dimensionless."""
 
     si: jp.Buildings
-    structures: jp.AdjacentStructures | jp.Row
-    """The dimensionless system, a pair's in the parameters of the paper."""
-    scales: jp.Scales
-    """Its units."""
-    tables: tuple[int | None, ...] = ()
-    """The number of the [[link]] of each link of a row; None of bearings, wall and tuned mass."""
-    laws: tuple[str, ...] = ()
-    """Names of the laws of contact."""
-    bearings: tuple[IsolationSection | None, ...] = (None, None)
-    """The bearings of each building; a pair has none."""
+    structures: jp.AdjacentStructures | jp.Row  # dimensionless; of a pair in the paper's parameters
+    scales: jp.Scales  # units of the structures
+    tables: tuple[int | None, ...] = ()  # number of each link's [[link]]; None of a building's own
+    laws: tuple[str, ...] = ()  # names of the laws of contact
+    bearings: tuple[IsolationSection | None, ...] = (None, None)  # of each building; not of a pair
 
     @classmethod
     def of(cls, si: jp.Buildings, *more: Any) -> BuildingsLayout:

@@ -71,9 +71,6 @@ class Weighted(Section):
 _BOUND = f"a number, {{at_most = ..., over = {_SHARE}}} or {{at_most = ..., probability = ...}}"
 _AtMost = Annotated[float | AtMost, says(_BOUND)]
 _Weighted = Annotated[float | Weighted, says(f"a number, or {{weight = ..., over = {_SHARE}}}")]
-Limits = dict[str, _AtMost]
-Penalties = dict[str, _Weighted]
-
 _PENALTY = Range(0, 1e9, "", "metres of the goal for a unit of the price")
 
 
@@ -109,8 +106,8 @@ class DesignConfig(Shaken):
     recorded: RecordedTable | None = None
     variables: dict[str, Chosen] = field(default_factory=dict)
     objective: ObjectiveTable = ObjectiveTable()
-    limits: Limits = field(default_factory=dict)
-    penalties: Penalties = field(default_factory=dict)
+    limits: dict[str, _AtMost] = field(default_factory=dict)
+    penalties: dict[str, _Weighted] = field(default_factory=dict)
     search: SearchTable = SearchTable()
 
 
@@ -144,8 +141,7 @@ def run(args: argparse.Namespace) -> None:
         compared = design.trained if design.fresh is None else design.fresh
         figures = {"convergence": drawn(plots.convergence, design)}
         figures["before_and_after"] = drawn(plots.before_and_after, compared)
-        demand = design.objective_function.demand
-        if demand == "min_gap" and config.layout.laws:
+        if (demand := design.objective_function.demand) == "min_gap" and config.layout.laws:
             demand = "peak_impulse"
         with contextlib.suppress(ValueError):  # what is zero has no elasticity
             slopes = jp.elasticities(design.structures, *shaken, demand=demand)
@@ -163,8 +159,7 @@ class DesignTask(NamedTuple):
     parameters: Parameters
     space: jp.DesignSpace
     ensemble: jp.Ensemble
-    recorded: dict[str, jp.Ensemble]
-    """The recorded earthquakes, each alone, by name."""
+    recorded: dict[str, jp.Ensemble]  # each of the recorded earthquakes alone, by name
     objective: jp.Objective
     grid: jp.TimeGrid
 

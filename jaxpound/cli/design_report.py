@@ -220,13 +220,9 @@ def _demands(demands: Mapping[str, Any], topology: Topology | None) -> list[Text
     parts = []
     # For a gap the unfavourable tail is the lower one.
     for tail, of_gaps in (("5 % quantile", True), ("95 % quantile", False)):
-        rows = [
-            (in_words(name, topology), *row.values())
-            for name, row in demands.items()
-            if name.startswith("min_gap") == of_gaps
-        ]
+        selected = {x: row for x, row in demands.items() if x.startswith("min_gap") == of_gaps}
         ends = [f"{statistic} {when}" for statistic in ("mean", tail) for when in _WHEN]
-        if rows:
+        if rows := [(in_words(name, topology), *row.values()) for name, row in selected.items()]:
             parts.append(TextTable.of(("demand", "unit", *ends), rows))
     return parts
 

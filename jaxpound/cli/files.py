@@ -28,13 +28,10 @@ if TYPE_CHECKING:
     from jaxpound._tables import TextTable
     from jaxpound.study.statistics import Estimate
 
-Write = Callable[[BinaryIO], Any]
-"""Writes a file to a stream."""
+Write = Callable[[BinaryIO], Any]  # writes a file to a stream
 
 VERSION = f"jaxpound {jp.__version__}."
-
-FORMS = ("pair", "row")
-"""Forms of a configuration: two buildings of one storey, and buildings of several in a row."""
+FORMS = ("pair", "row")  # of a configuration: two buildings of one storey, or a row of buildings
 
 
 def example(command: str, form: str = "pair") -> str:
@@ -59,9 +56,8 @@ def make_folder(out: Path) -> None:
 def kept_search(args: argparse.Namespace, key: str, name: str, *inputs: bytes) -> Iterator[None]:
     """Keep the state of a search at the path of the argument ``key`` until the search is done.
 
-    Without this argument, the path becomes ``name`` in a new folder inside the output folder, named
-    by a hash of the inputs, so that no other search uses it. After an error it
-    stays if it holds finished runs: the same command goes on from there.
+    Without it, the path is ``name`` in a new folder inside the output folder, named by a hash of
+    the inputs. After an error this stays if it holds finished runs: the same command goes on.
     """
     make_folder(args.out)
     if getattr(args, key):

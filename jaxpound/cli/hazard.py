@@ -134,14 +134,11 @@ class LifetimeRisk(NamedTuple):
     """The annual rate of pounding, and what it is computed from."""
 
     hazard: jp.HazardCurve
-    fragility: jp.Fragility | None
-    """None if the hazard has drawn the study's earthquakes."""
+    fragility: jp.Fragility | None  # None if the hazard has drawn the study's earthquakes
     rate: jp.AnnualRate
-    gaps: Mapping[float, Estimate]
-    """Required gaps by their probabilities within the years."""
+    gaps: Mapping[float, Estimate]  # required ones, by their probabilities within the years
     results: LifetimeResults
-    column: str | None = None
-    """Without a fragility the study's column that measures the shaking."""
+    column: str | None = None  # without a fragility the study's column that measures the shaking
 
     @property
     def deaggregation(self) -> jp.Deaggregation:

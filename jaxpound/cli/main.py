@@ -140,8 +140,7 @@ class _PrintExample(argparse.Action):
         parser.exit()
 
 
-Argument = tuple[str, dict[str, Any]]
-"""A name, and the keywords of ``ArgumentParser.add_argument``."""
+Argument = tuple[str, dict[str, Any]]  # a name, and the keywords of ``add_argument``
 
 
 def _path(text: str) -> Path:
@@ -203,7 +202,7 @@ class Command(NamedTuple):
     """Of its use; {0} is its name."""
 
 
-_COMMANDS = {
+_COMMANDS = {  # in the order of the help
     "paper": Command(
         "the paper's numerical example, compared with an independent reference solution",
         _OUT,
@@ -292,7 +291,6 @@ _COMMANDS = {
         [*_OUT, *_configuration("the hazard, and a fragility or a study", "an example", FORMS[:1])],
     ),
 }
-"""In the order of the help."""
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -94,11 +94,9 @@ def prepared(file: File, config: StudyConfig) -> tuple[jp.Scenarios, jp.TimeGrid
 class SpectralAcceleration:
     """At the natural period of a building, with 5 % of damping, m/s²."""
 
-    measure: str
-    """With the stated period of the building."""
+    measure: str  # with the stated period of the building
     building: int
-    frequency: float
-    """Its stated natural frequency, dimensionless."""
+    frequency: float  # the building's stated natural frequency, dimensionless
     grid: jp.TimeGrid
     gravity: float
 

@@ -40,15 +40,14 @@ X = TypeVar("X")
 _OF_ROD = ("order", "tau_f", "tau_x")
 _OF_LAWS = {f"{name}.{key}": x for name, law in LAWS.items() for key, x in ranges(law).items()}
 
-_RANGES: dict[str, Range] = {
+_RANGES: dict[str, Range] = {  # of a parameter, by the end of its key in a row
     **{key: ranges(BlockSection)[key] for key in ("mass", "stiffness", *_OF_ROD)},
     **{key: ranges(LinkSection)[key] for key in ("friction_force", "gap")},
     **_OF_LAWS,
     **{key: metadata(jp.BoucWen, key).range for key in paths(jp.BoucWen)},
 }
-"""Range of a parameter by the end of its key in a row."""
 
-_ALIASES = {
+_ALIASES = {  # keys of a pair: the table with the parameter, and the end of its key in a row
     "friction": ("[damper]", "friction_force"),
     "initial_gap": ("", "gap"),
     "mass_ratio": ("[building_2]", "mass"),
@@ -56,14 +55,12 @@ _ALIASES = {
     **{f"rod_{i}.{key}": (f"[building_{i}]", key) for i in (1, 2) for key in _OF_ROD},
     **{key: ("[contact]", key) for key in _OF_LAWS if key.startswith("contact.")},
 }
-"""Keys of a pair: the table of the file that has the parameter, and the end of its key in a row."""
 
 
 def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[str, tuple[str, X]]:
     """What a table states of each path, and by which key; ``*`` stands for any number.
 
-    A key without ``*`` takes precedence over one with ``*``, which leaves out those that
-    are not above 0.
+    A key without ``*`` takes precedence over one with it, which leaves out those not above 0.
     """
     by_path: dict[str, tuple[str, X]] = {}
     for key, value in table.items():
@@ -107,8 +104,7 @@ class Parameters:
                 fault = f"must be a parameter of the law of contact, {law}"
         else:
             allowed = [*dict.fromkeys(re.sub(r"\.\d+", ".*", x) for x in self.keys)]
-            fault = self._links_lack(key)
-            if not fault and re.sub(r"\.\d+", ".*", key) in allowed:
+            if not (fault := self._links_lack(key)) and re.sub(r"\.\d+", ".*", key) in allowed:
                 place_in_row = "building, floor, storey or [[link]]"
                 fault = f"must be of a {place_in_row} that is there, counted from 1"
         if fault:

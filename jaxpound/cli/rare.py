@@ -109,10 +109,8 @@ class RareResult(NamedTuple):
 
     config: RareConfig
     event: jp.RareEvent
-    curve: Mapping[float, jp.RareEvent]
-    """Events by other thresholds in SI units, which rise."""
-    target: dict[str, Any] | None = None
-    """``reached``, for JSON."""
+    curve: Mapping[float, jp.RareEvent]  # events by other thresholds in SI units, which rise
+    target: dict[str, Any] | None = None  # ``reached``, for JSON
 
 
 def run(args: argparse.Namespace) -> None:

@@ -139,11 +139,9 @@ def of_array(kind: Any) -> Any:
 class File:
     """A configuration file, or the example of a command."""
 
-    name: str
-    """The start of every message."""
+    name: str  # the start of every message
     text: str
-    folder: Path = Path()
-    """Folder to which the paths in it are relative."""
+    folder: Path = Path()  # to which the paths in the file are relative
 
     @staticmethod
     def opened(path: Path | None, command: str) -> File:
@@ -186,8 +184,7 @@ class File:
         except RecursionError as error:
             raise ValueError(f"{self.name}: its lists or tables are nested too deeply") from error
         except ValueError:
-            # Python reads no whole number of more than 4,300 digits. Cut to 4,300 digits, it still
-            # exceeds every range, and the message names its key.
+            # Python reads at most 4,300 digits; cut to these, a number still exceeds every range.
             most = sys.get_int_max_str_digits()
             long = rf"(?<![\d_])\d[\d_]{{{most},}}"
             return self._parsed(re.sub(long, lambda x: x[0].replace("_", "")[:most], text))
@@ -261,8 +258,7 @@ def _table_fault(kind: Any, table: dict[str, Any], title: str, root: Any) -> str
         if field.required and key not in table:
             noun = f"the table [{key}]" if is_table(kinds[key]) else f"the key '{key}'"
             return f"{title} lacks {noun}"
-    fault = _refusal(kind, table)
-    return f"{place}{fault}" if fault else ""
+    return f"{place}{fault}" if (fault := _refusal(kind, table)) else ""
 
 
 def unknown_key(place: str, key: str, meant: str, noun: str = "key") -> str:

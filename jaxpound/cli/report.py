@@ -17,12 +17,10 @@ from jaxpound.model.places import link_places
 from jaxpound.results.named import in_words, kind_of, quantity_named, unit_of
 from jaxpound.study.fragility import ANY_LINK
 
-PROBABILITIES = (0.1, 0.05, 0.01, 0.001)
-"""Probabilities of exceedance for which the required gap is reported."""
+PROBABILITIES = (0.1, 0.05, 0.01, 0.001)  # of exceedance, for which required gaps are reported
 
 _SYMBOLS = {"pga": "PGA", "pgv": "PGV"}
-_SPECTRAL = "spectral_acceleration_"
-"""Start of the names of spectral accelerations at the natural periods, if the study has them."""
+_SPECTRAL = "spectral_acceleration_"  # start of the names of those at the natural periods
 
 _QUANTILES = {0.05: "5 % quantile", 0.5: "median", 0.95: "95 % quantile"}
 _MOST_CORRELATIONS = 8

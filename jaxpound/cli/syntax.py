@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import re
 
-_NUMBERS = {
+_NUMBERS = {  # how TOML has numbers, by what is often written instead
     r"=\s*-?\d+,\d": "a decimal point, not a comma: 0.1",
     r"[=\[,]\s*-?\.\d": "a number begins with a digit: 0.1, not .1",
     r"[=\[,]\s*-?\d+\.(?!\d)": "a digit follows the point: 1.0, not 1.",
 }
-"""How numbers are written in TOML, by what is often written instead."""
-
-
 _MOST_PARTS = 20
 # A text goes on to its end, or without one to the end of the line or file: nothing is read twice.
 # The content of a text of several lines may end in up to two quotes.

@@ -21,7 +21,7 @@ from jaxpound.scenarios.distributions import RARE, Distribution, reach
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.buildings import DURATION
 
-OF_DEMANDS = {
+OF_DEMANDS = {  # ranges of limits and thresholds of a demand, by its kind of quantity
     "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),
     "length": Range(1e-9, 1e3, "m", "up to a kilometre"),
     "acceleration": Range(1e-6, 1e4, "m/s²", "up to a thousand times gravity"),
@@ -32,7 +32,6 @@ OF_DEMANDS = {
     "impulse": Range(1e-9, 1e15, "N s", "a force for a time"),
     None: Range(1e-9, 1e9, "", "of a count or a ratio"),
 }
-"""Ranges of limits and thresholds of a demand, by its kind of quantity."""
 Gap = Annotated[float, between(*GAP)]
 _FACES = "a number, or two, [left, right], of which one may be inf"
 _Face = Annotated[float, between(0, math.inf, "m", "infinite on a side where nothing is")]
@@ -156,13 +155,12 @@ class InerterSection(Section):
         return jp.Inerter(self.inertance)
 
 
-LAWS: dict[str, Any] = {
+LAWS: dict[str, Any] = {  # the tables of a link that are objects of the library
     "contact": ContactSection,
     "damper": DamperSection,
     "velocity_friction": VelocityFrictionSection,
     "inerter": InerterSection,
 }
-"""The tables of a link that are objects of the library."""
 Velocity = between(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s")
 
 

@@ -75,8 +75,7 @@ class YieldingSection(Section):
             return building.with_p_delta() if p_delta else building
 
 
-YIELDING = YieldingSection.__struct_fields__
-"""Keys of a building that yields, or of its weight."""
+YIELDING = YieldingSection.__struct_fields__  # keys of a building that yields, or of its weight
 
 
 def keys_of(storeys: Sequence[jp.Building]) -> dict[str, list[Any]]:

@@ -118,8 +118,7 @@ def _spectra(
     return jax.lax.map(of_record, (samples, intervals, sizes))
 
 
-# Periods below _SHORT sample intervals are computed on _SHORT_PARTS parts of each interval.
-_SHORT, _SHORT_PARTS = 4, 4
+_SHORT, _SHORT_PARTS = 4, 4  # periods below so many sample intervals: so many parts of each
 
 
 class _Oscillator(NamedTuple):

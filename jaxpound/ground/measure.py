@@ -14,8 +14,7 @@ _SIZES = (
     {SI["velocity"]: 1.0, "cm/s": 0.01},
     {DIMENSIONLESS["velocity"]: 1.0},
 )
-UNITS = tuple(unit for sizes in _SIZES[:2] for unit in sizes)
-"""Units of accelerations and velocities that do not depend on the structures."""
+UNITS = tuple(unit for sizes in _SIZES[:2] for unit in sizes)  # independent of the structures
 
 _NAMES = {
     "PGA": "pga|peak ground acceleration",
@@ -71,8 +70,7 @@ class Measure:
     @property
     def period(self) -> tuple[float, str] | None:
         """The natural period of a spectral acceleration in s or 1/ω1; None if it is not stated."""
-        match = _PERIOD.search(self.words) if self.name == _SPECTRAL else None
-        if match is None:
+        if self.name != _SPECTRAL or not (match := _PERIOD.search(self.words)):
             return None
         number, unit = float(match[1]), (match[2] or "s").lower()
         return (number / 1000, "s") if unit == "ms" else (number, unit)

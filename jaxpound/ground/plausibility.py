@@ -22,7 +22,6 @@ from jaxpound.ground.motion import Ground, GroundLike, as_motion, records_in
 from jaxpound.ground.run_input import sampled
 from jaxpound.quantities import STANDARD_GRAVITY
 
-# The largest plausible numbers, and how many are looked at.
 MOST_PGA = 5.0  # peak ground acceleration, g: the largest recorded are about 4
 MOST_STATED = 2.0  # g, of a motion that is no record as it was measured: hazard maps end there
 MOST_UNSTATED = 1.5  # g, of a record of unstated unit: few records in g exceed it, many in m/s² do
@@ -134,8 +133,7 @@ def excessive(ground: GroundLike, pga: Any, name: str = "ground", *, si: bool) -
     """A finding if a ground motion in SI, or in g as a record is, exceeds the plausible PGA, g."""
     if is_traced(pga) or jnp.ndim(pga) or not (si or any(records_in(ground))):
         return []
-    measured = not si or getattr(as_motion(ground), "measured", False)
-    most = MOST_PGA if measured else MOST_STATED
+    most = MOST_STATED if si and not getattr(as_motion(ground), "measured", False) else MOST_PGA
     return [_beyond(f"{name}: PGA = {float(pga):.4g} g", most)] if float(pga) > most else []
 
 

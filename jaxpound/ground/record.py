@@ -24,8 +24,7 @@ from jaxpound.ground.plausibility import OFFSET, of_samples, offset
 from jaxpound.ground.run_input import instants
 from jaxpound.quantities import STANDARD_GRAVITY
 
-# Share of a record's energy, ∫ u''² dt, that a time step may lose: 0.5 % of the rms value.
-LOST_ENERGY = 0.01
+LOST_ENERGY = 0.01  # share of ∫ u''² dt that a time step may lose: 0.5 % of the rms value
 _KEPT = ("name", "time_unit", "doubts", "notes", "measured")  # of what is made of a record
 
 
@@ -100,8 +99,7 @@ class Record(motion.GroundMotion):
         object.__setattr__(self, "time_unit", motion.time_unit_of("Record", time_unit))
         check(self)
         if self.time_unit == motion.SECONDS and not is_traced((samples, self.dt)):
-            concrete = np.asarray(samples), float(self.dt)
-            doubts = of_samples(*concrete, stated=units is not None)
+            doubts = of_samples(np.asarray(samples), float(self.dt), stated=units is not None)
             object.__setattr__(self, "doubts", tuple(doubts))
             warn("Record", doubts, strict=False)
 
@@ -166,10 +164,9 @@ class Record(motion.GroundMotion):
     def high_passed(self, corner: float, order: int = 4) -> Record:
         """The record without its mean and its slow motion, by an acausal Butterworth filter.
 
-        The filter runs forwards and backwards (``scipy.signal.sosfiltfilt``), so that no phase is
-        shifted, with zeros of 1.5 · order / corner on either side, twice as many as Boore (2005)
-        has; what it spreads into them is cut off. Raises ``ValueError`` if an argument breaks its
-        rule, or if corner or the record is traced.
+        The filter runs forwards and backwards (``scipy.signal.sosfiltfilt``), and so shifts no
+        phase, between zeros of 1.5 · order / corner, twice those of Boore (2005), later cut off.
+        Raises ``ValueError`` if an argument breaks its rule, or corner or the record is traced.
 
         Parameters
         ----------
@@ -247,8 +244,7 @@ class Record(motion.GroundMotion):
 
     def unresolved(self, dt: float) -> list[str]:
         """A sentence if steps of ``dt`` lose much energy above their Nyquist frequency π/dt."""
-        interval = float(self.dt)
-        if dt <= interval * (1 + 1e-9):  # such steps follow the straight lines
+        if dt <= (interval := float(self.dt)) * (1 + 1e-9):  # such steps follow the lines
             return []
         power = np.abs(np.fft.rfft(np.asarray(self.samples, float))) ** 2
         lost = power[np.fft.rfftfreq(self.n_samples, interval) > 0.5 / dt].sum()
@@ -276,8 +272,7 @@ class Record(motion.GroundMotion):
 
 def stated_unit(owner: str, units: str) -> str:
     """The unit of accelerations that ``units`` names; an ``InvalidInput`` if it is none."""
-    unit = whole_unit(units) if isinstance(units, str) else None
-    if unit is None:
+    if not isinstance(units, str) or (unit := whole_unit(units)) is None:
         rule = f"must be one of {', '.join(UNITS)}"
         raise InvalidInput(owner, "units", reprlib.repr(units), rule)
     return unit

@@ -263,8 +263,7 @@ def read_suite(
     """
     owner = "read_suite"
     if component not in ("both", "larger", 1, 2) or isinstance(component, bool | float):
-        rule = "must be 'both', 'larger', 1 or 2"
-        raise InvalidInput(owner, "component", repr(component), rule)
+        raise InvalidInput(owner, "component", repr(component), "must be 'both', 'larger', 1 or 2")
     if not (place := Path(folder)).is_dir():
         raise InvalidInput(owner, "folder", repr(str(folder)), "must be a folder")
     if not isinstance(pattern, str) or not pattern:
@@ -274,9 +273,8 @@ def read_suite(
     if not matching:
         kinds = ", ".join(sorted({f"*{path.suffix}" for path in paths if path.suffix})[:8])
         content = f"it has {kinds}" if kinds else "it is empty"
-        raise InvalidInput(
-            owner, "pattern", repr(pattern), f"must fit a file in {place}: {content}"
-        )
+        rule = f"must fit a file in {place}: {content}"
+        raise InvalidInput(owner, "pattern", repr(pattern), rule)
     options = {"dt": dt, "units": units, "rows": rows, "strict": strict}
     files, left_out = _read_files(owner, matching, **options)
     if not files:

@@ -18,8 +18,7 @@ from jaxpound.ground import motion
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, Excitation, GroundMotion
 from jaxpound.quantities import STANDARD_GRAVITY
 
-# The mean of a sine over an eighth of its period is already 2.6 % less than its middle value.
-STEPS_PER_WAVELET = 8
+STEPS_PER_WAVELET = 8  # a sine's mean over an eighth of its period is 2.6 % below its middle
 
 
 def too_short(name: str, period: float, dt: float) -> list[str]:

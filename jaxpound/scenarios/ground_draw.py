@@ -69,8 +69,7 @@ class SumOfDraws(Composed, GroundDraw):
         for i, part in enumerate(self.parts):
             if not isinstance(part, Draw):
                 motion.require_ground(f"SumOfDraws: parts[{i}]", part)
-        units = sorted({*self._units()})
-        if len(units) > 1:
+        if len(units := sorted({*self._units()})) > 1:
             rule = "must be in the same unit of time, but are in " + " and ".join(units)
             raise InvalidInput("SumOfDraws", "parts", "", rule)
 

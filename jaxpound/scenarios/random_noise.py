@@ -209,8 +209,7 @@ def numbered(z: Any) -> dict[str, Any]:
 
 def reals(owner: str, z: Any, dimension: int) -> Array:
     """Standard normal numbers as floats; an ``InvalidInput`` for another shape."""
-    z = jnp.asarray(_checks.real(owner, "z", z))
-    if z.shape != (dimension,):
+    if (z := jnp.asarray(_checks.real(owner, "z", z))).shape != (dimension,):
         raise InvalidInput(owner, "z", "", f"of shape {z.shape} must be of shape ({dimension},)")
     return z.astype(jnp.result_type(float, z))
 
