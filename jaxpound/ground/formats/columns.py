@@ -145,9 +145,9 @@ def _history(
 def _require_no_times(rows: list[ValueRow], width: int, dt: float | None) -> None:
     for k in range(width):
         if _rise(rows, k, dt, FEW if width == 1 else 4):
-            place = f"column {k + 1}" if width > 1 else "the only column"
+            which = f"column {k + 1}" if width > 1 else "the only column"
             rule = "times must be the first column" if width > 1 else "it must hold accelerations"
-            message = f"{place} rises evenly from row to row, as times or an index do: {rule}"
+            message = f"{which} rises evenly from row to row, as times or an index do: {rule}"
             raise MisreadError(rows[0].line, message)
 
 

@@ -87,7 +87,6 @@ def _stated(above: dict[str, Any]) -> Stated:
         unit = unit.get("acceleration", unit.get("acc", of_length))
     if isinstance(unit, str):
         if not (name := units.whole_unit(unit)):
-            rule = f"must be one of {', '.join(units.UNITS)}"
-            raise MisreadError(None, f'"units": {shown(unit)} {rule}')
+            raise MisreadError(None, f'"units": {shown(unit)} must be among {[*units.UNITS]}')
         units.state(stated.units, name, 1)
     return stated

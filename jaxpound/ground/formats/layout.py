@@ -50,10 +50,9 @@ class Layout:
 
     def components(self, header: Sequence[TextLine]) -> list[str]:
         """Names of the components that a header states."""
-        lines = (self.matches("component", line) for line in header if self.component)
-        return list(
-            dict.fromkeys(x.strip() for match in lines if match for x in match.groups() if x)
-        )
+        matches = (self.matches("component", line) for line in header if self.component)
+        names = (name for match in matches if match for name in match.groups() if name)
+        return list(dict.fromkeys(map(str.strip, names)))
 
 
 class Channel(NamedTuple):
