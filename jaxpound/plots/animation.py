@@ -39,7 +39,8 @@ def still(
     finite gap, or invalid, time is not within the run, or elevations are not as in ``row``.
     """
     _require_scene("still", response)
-    if not 0 <= time <= (end := float(response.time[-1])):
+    end = float(response.time[-1])
+    if not 0 <= time <= end:
         rule = f"must be within the run, from 0 to {end:.6g}"
         raise InvalidInput("still", "time", str(time), rule)
     ax = house.new_axes(ax)
