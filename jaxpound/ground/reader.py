@@ -241,7 +241,7 @@ def _located(file: Path) -> Iterator[None]:
         yield
     except MisreadError as error:
         line = "" if error.line is None else f":{error.line}"
-        raise type(error)(None, f"{file}{line}: {error}") from None
+        raise type(error)(None, error.message, f"{file}{line}: ") from None
 
 
 def _plain(name: str) -> str:

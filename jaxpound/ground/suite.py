@@ -305,8 +305,8 @@ def _read_files(
             for name in names:
                 others.setdefault(f"components {name}", []).append(path.name)
         except OtherKindError as error:
-            message = re.sub("^(:[0-9]+)?: ", "", str(error).removeprefix(str(path)))
-            reason = message.rpartition(", but ")[2].removeprefix("is ").partition(": ")[0]
+            words = error.message.rpartition(", but ")[2]
+            reason = words.removeprefix("is ").partition(": ")[0]
             others.setdefault(reason, []).append(path.name)
         except InvalidInput as error:
             raise error.replaced(owner=f"{owner}: {error.owner}".removesuffix(": ")) from error

@@ -525,3 +525,8 @@ def test_a_range_a_level_or_a_peak_states_no_unit_of_the_data(write, header):
     for units in ("m/s2", "gal"):
         record = read_record(path, dt=DT, units=units)
         assert_gives(record, np.array(VALUES, float) / ONE_G[units])
+
+
+def test_another_unit_in_a_header_of_a_format_with_its_own_is_refused(write):
+    text = text_of("AFAD").replace("NUMBER OF DATA", "UNITS : m/s2\nNUMBER OF DATA")
+    assert_refuses(write(text), 1, "the header states both 'm/s2' and 'gal'", column=1)

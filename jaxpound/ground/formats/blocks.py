@@ -66,16 +66,13 @@ def _first_value(
             _require_accelerations([line])
             form = _FORM.search(line.text)
             return at, (int(form[1] or 1), int(form[2])) if form else layout.form, False
-    is_row = [_is_row(line) for line in lines]
-    full = [len(line.text.rstrip()) for line in lines]
     at = 1
     for n_rows, per_row, width in layout.numbers:
-        while at < len(lines) and not (is_row[at] and full[at] == per_row * width):
-            at += 1
-        at += n_rows
-    if True not in is_row[at:]:
+        full = (i for i in range(at, len(lines)) if _is_row(lines[i], per_row * width))
+        at = next(full, len(lines)) + n_rows
+    if (first := next((i for i in range(at, len(lines)) if _is_row(lines[i])), None)) is None:
         raise MisreadError(lines[0].number, f"no data: no values in this file of {layout.name}")
-    return is_row.index(True, at), layout.pairs or layout.form, layout.pairs is not None
+    return first, layout.pairs or layout.form, layout.pairs is not None
 
 
 def _require_accelerations(lines: Sequence[TextLine]) -> None:
@@ -84,8 +81,9 @@ def _require_accelerations(lines: Sequence[TextLine]) -> None:
             raise OtherKindError(number, f"{shown(text.strip())}: must be accelerations")
 
 
-def _is_row(line: TextLine) -> bool:
-    return _NUMBERS.fullmatch(line.text) is not None
+def _is_row(line: TextLine, length: int | None = None) -> bool:
+    """Whether a line has numbers only, and is as long as it should be."""
+    return length in (None, len(line.text.rstrip())) and bool(_NUMBERS.fullmatch(line.text))
 
 
 def _rows(

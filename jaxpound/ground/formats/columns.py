@@ -48,7 +48,7 @@ def read(
     if layout.state:
         layout.state(header, stated)
     if layout.unit:
-        stated.units[layout.unit] = lines[0].number
+        units.state(stated.units, layout.unit, lines[0].number)
     if not block.rows:
         if not (counts := stated.counts):
             raise OtherKindError(None, "no data: it must hold rows of numbers")
@@ -180,10 +180,8 @@ def _without_first_numbers(block: Block, dt: float | None) -> Block:
     """A block without the number of values and the time step that may stand ahead of them."""
     rows, stated = block.rows, block.stated
     head, *widths = [len(row.numbers) for row in rows[:3]]
-    if len(rows) <= FEW or widths not in (
-        [1, 1],
-        *([head + n] * 2 for n in (3, 6, 8) if head == 2),
-    ):
+    allowed = (1, 5, 8, 10) if head == 2 else (1,)
+    if len(rows) <= FEW or widths[0] not in allowed or widths[0] != widths[1]:
         return block
     line, first = rows[0]
     step_line, text = line, f"the first line, {first[0]},"

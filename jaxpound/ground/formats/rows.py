@@ -21,6 +21,7 @@ from jaxpound.ground.formats.text import (
     is_comment,
     shown,
     trimmed,
+    with_e,
 )
 
 _LONGEST_HEADER = 10_000  # lines, and characters in a line
@@ -88,10 +89,10 @@ def _states_numbers(line: TextLine) -> bool:
 
 def _is_header_text(text: str) -> bool:
     """Whether a line is mostly words; the reader of rows reports a single bad token."""
-    tokens = _tokens_of(text)[:MANY]
-    numeric = [bool(_numbers(token) or _NOT_FINITE.fullmatch(token)) for token in tokens]
     if EXCEL_ERROR.match(text):
         return False
+    tokens = _tokens_of(text)[:MANY]
+    numeric = [bool(_numbers(token) or _NOT_FINITE.fullmatch(token)) for token in tokens]
     if not _WORD.search(text) and (_LIKE_NUMBER.match(text) or 2 * sum(numeric) > len(tokens)):
         return False  # of a damaged number, such as 0.OO1, or a missing one
     return (tokens[0][:1].isalpha() and not numeric[0]) or 2 * sum(numeric) < len(tokens)
@@ -123,7 +124,7 @@ def _plain_row(line: int, text: str) -> ValueRow | None:
     """The row of a line that is only finite numbers with separators; None for other lines."""
     if len(text) > _LONGEST_NUMBER or not _PLAIN_ROW.fullmatch(text):
         return None
-    numbers = text.upper().replace("D", "E").replace(",", " ").split()
+    numbers = with_e(text).replace(",", " ").split()
     return None if any(map(math.isinf, map(float, numbers))) else ValueRow(line, numbers)
 
 
@@ -150,12 +151,12 @@ def _tokens_of(text: str) -> list[str]:
 def _numbers(token: str) -> list[str]:
     """The numbers of a token; none if it is not numeric."""
     if _is_number(token):
-        return [_plain_number(token)]
+        return [with_e(token)]
     parts = _SIGN_AFTER_NUMBER.split(token)
     # Numbers without a blank between them need decimal points: 1940-05-18 is a date.
     if not all("." in part and _is_number(part) for part in parts):
         return []
-    return list(map(_plain_number, parts))
+    return list(map(with_e, parts))
 
 
 def _is_number(text: str) -> bool:
@@ -175,17 +176,12 @@ def row_of(line: TextLine, form: tuple[int, int] | None, n: int | None) -> Value
     if not right or not (n or 1) <= len(cells) <= per_row:
         rule = f"must be {n or per_row} numbers of {width} characters each"
         raise MisreadError(number, f"{shown(text.strip())} {rule}")
-    return ValueRow(number, [_plain_number(cell) for cell in numbers])
+    return ValueRow(number, [with_e(cell) for cell in numbers])
 
 
 def numbers_of(lines: Sequence[TextLine], form: tuple[int, int]) -> list[str]:
     """The numbers of some lines, as printed."""
     return [number for line in lines for number in row_of(line, form, None).numbers]
-
-
-def _plain_number(text: str) -> str:
-    """A printed number with an E for its exponent."""
-    return text.upper().replace("D", "E")
 
 
 def split_pairs(rows: list[ValueRow]) -> tuple[NDArray[np.float64], Statement, list[ValueRow]]:
@@ -233,7 +229,7 @@ def odd_row(lines: Sequence[TextLine], rows: list[ValueRow]) -> TextLine | None:
 
 def require_count(stated: Stated, n: int) -> None:
     """Refuse a file whose number of values is none of those that its header states."""
-    if stated.counts and not any(abs(n - x.value) <= x.slack for x in stated.counts):
+    if stated.counts and not any(n == statement.value for statement in stated.counts):
         count = stated.counts[-1]
         fault = "truncated" if n < count.value else "surplus values"
         rule = f"must be the number of values, {n}"

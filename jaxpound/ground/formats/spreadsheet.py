@@ -6,6 +6,7 @@ import csv
 import re
 from collections.abc import Sequence
 from decimal import Decimal
+from itertools import islice
 
 import numpy as np
 
@@ -22,8 +23,9 @@ _INSTANT = re.compile(
 _VALUES = re.compile(rf"(?:[\s,;]+{NUMBER})+[\s,;]*")
 _OF_NUMBERS = re.compile(r"[-+0-9.,;eE \t]*[0-9][-+0-9.,;eE \t]*")
 _WITH_COMMA = re.compile(r"[-+]?(?:[0-9]{1,3}(?:\.[0-9]{3})+|[0-9]*),[0-9]+(?:[eE][-+]?[0-9]+)?")
-_THOUSANDS = re.compile(r"\s*[-+]?[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]*(?:[eE][-+]?[0-9]+)?\s*")
-_GROUPED = re.compile(r"(?<![^\s;])[-+]?[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]*(?![^\s;])")
+_THOUSANDS = r"[-+]?[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]*"
+_QUOTED_THOUSANDS = re.compile(rf"\s*{_THOUSANDS}(?:[eE][-+]?[0-9]+)?\s*")
+_GROUPED = re.compile(rf"(?<![^\s;]){_THOUSANDS}(?![^\s;])")
 _CELL = re.compile(r"[^;\s]+")
 
 
@@ -33,16 +35,18 @@ def in_plain_form(lines: Sequence[TextLine]) -> list[TextLine]:
     lines = list(lines[1:] if separator else lines)
     if any(_QUOTED.search(line.text) for line in lines):
         lines = _without_quotes(lines, separator[1] if separator else None)
-    lines = _with_seconds([TextLine(line.number, _plain_signs(line.text)) for line in lines])
+    lines = _with_seconds(list(map(_with_plain_signs, lines)))
     return list(map(_with_point, lines)) if _has_decimal_commas(lines) else lines
 
 
-def _plain_signs(text: str) -> str:
+def _with_plain_signs(line: TextLine) -> TextLine:
     """A line with a plain minus, and without the thousands marks that separate no cells."""
+    text = line.text
     if not text.isascii() or "'" in text:
         text = re.sub(r"(?<=[0-9])[\u00a0\u202f\u2009'’](?=[0-9]{3})", "", text.replace("−", "-"))
-    separated = "," in text and (";" in text or "\t" in text)
-    return _GROUPED.sub(lambda x: x[0].replace(",", ""), text) if separated else text
+    if "," in text and (";" in text or "\t" in text):
+        text = _GROUPED.sub(lambda x: x[0].replace(",", ""), text)
+    return line if text == line.text else TextLine(line.number, text)
 
 
 def _without_quotes(lines: list[TextLine], delimiter: str | None) -> list[TextLine]:
@@ -54,7 +58,7 @@ def _without_quotes(lines: list[TextLine], delimiter: str | None) -> list[TextLi
     for line in lines:
         if _QUOTED.search(line.text):
             cells = next(csv.reader([line.text.strip()], delimiter=delimiter))
-            cells = [x.replace(",", "") if _THOUSANDS.fullmatch(x) else x for x in cells]
+            cells = [x.replace(",", "") if _QUOTED_THOUSANDS.fullmatch(x) else x for x in cells]
             comma = delimiter == "," and not any("," in cell for cell in cells)
             line = TextLine(line.number, ("," if comma else "\t").join(cells))
         plain.append(line)
@@ -85,7 +89,7 @@ def _has_decimal_commas(lines: list[TextLine]) -> bool:
     """Whether the commas of nearly all rows are those of decimals."""
     if not any("," in line.text for line in lines):
         return False
-    rows = [line for line in lines if _OF_NUMBERS.fullmatch(line.text)][:_LOOKED_AT]
+    rows = list(islice((x for x in lines if _OF_NUMBERS.fullmatch(x.text)), _LOOKED_AT))
     cells = [_CELL.findall(line.text) for line in rows]
     if rows and all(len(row) == 1 for row in cells) and not _is_one_column(rows):
         return False
@@ -98,11 +102,10 @@ def _are_with_commas(cells: list[str]) -> bool:
 
 
 def _with_point(line: TextLine) -> TextLine:
-    text = line.text
-    cells = _CELL.findall(text)
-    if not _OF_NUMBERS.fullmatch(text) or ("," in text and not _are_with_commas(cells)):
+    has_others = "," in line.text and not _are_with_commas(_CELL.findall(line.text))
+    if has_others or not _OF_NUMBERS.fullmatch(line.text):
         return line
-    without_thousands = re.sub(r"(?<=[0-9])\.(?=[0-9]{3}(?![0-9]))", "", text)
+    without_thousands = re.sub(r"(?<=[0-9])\.(?=[0-9]{3}(?![0-9]))", "", line.text)
     return TextLine(line.number, without_thousands.replace(",", "."))
 
 

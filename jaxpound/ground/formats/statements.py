@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from typing import NamedTuple
 
-from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, plain, to_float
+from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, plain, to_float, with_e
 
 _POINTS = (
     "(?:data(?: points)?|datos|dati|points?|pts|samples?|muestras|puntos|punti|campioni|values"
@@ -82,7 +82,7 @@ class Stated:
 
 def half_digit(number: str) -> float:
     """Half a unit in the last printed place of a number."""
-    return 0.5 * 10.0 ** int(Decimal(number.upper().replace("D", "E")).as_tuple().exponent)
+    return 0.5 * 10.0 ** int(Decimal(with_e(number)).as_tuple().exponent)
 
 
 def interval(line: int, text: str, number: str, factor: float = 1.0) -> Statement:
@@ -119,7 +119,7 @@ def _counts(line: int, text: str) -> Iterator[Statement]:
             numbers = {*values["values"].split("/")}
             if len(numbers) > 1:
                 raise MisreadError(line, f"{phrase} must be one number for all channels")
-            stated += [(phrase, number) for number in numbers]
+            stated.append((phrase, *numbers))
     for phrase, number in stated:
         count = to_float(number)
         if not count.is_integer() and re.fullmatch(r"[0-9]{1,3}\.[0-9]{3}", number):

@@ -19,9 +19,9 @@ NUMBER = r"[-+]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[EeDd][-+]?[0-9]{1,4}+(?!
 class MisreadError(ValueError):
     """An error in a file, or in one of its lines."""
 
-    def __init__(self, line: int | None, message: str) -> None:
-        super().__init__(message)
-        self.line = line
+    def __init__(self, line: int | None, message: str, place: str = "") -> None:
+        super().__init__(place + message)
+        self.line, self.message = line, message
 
 
 class OtherKindError(MisreadError):
@@ -61,9 +61,14 @@ def shown(text: str) -> str:
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
+def with_e(text: str) -> str:
+    """A printed number, or several, with an E for the exponent."""
+    return text.upper().replace("D", "E")
+
+
 def to_float(number: str) -> float:
     """The value of a number as printed."""
-    return float(number.upper().replace("D", "E"))
+    return float(with_e(number))
 
 
 # The longest run, a million steps in two columns, and a header; more would fill the memory.
