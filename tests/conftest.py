@@ -57,7 +57,7 @@ STARTUP = Path(KERNELS, "profile_default", "startup", "as_the_suite.py")  # run 
 STARTUP.parent.mkdir(parents=True)
 STARTUP.write_text(
     f"import gc\n\ngc.set_threshold{gc.get_threshold()}\n"
-    "from jaxpound.simulation import state\n\nstate.WRITTEN_OUT = 0  # tests/layout.py\n"
+    "from jaxpound.simulation import constants as state\n\nstate.WRITTEN_OUT = 0  # tests/layout.py\n"
 )
 LOCAL = {"transport": "ipc", "ip": f"{KERNELS}/kernel"} if os.name == "posix" else {}
 nbmake.nb_run.NotebookClient = functools.partial(

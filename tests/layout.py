@@ -8,7 +8,7 @@ of ``simulation/test_run.py`` have them written out and compare scalars of both;
 
 import pytest
 
-from jaxpound.simulation import state
+from jaxpound.simulation import constants as state
 
 WRITTEN_OUT = state.WRITTEN_OUT
 """Rods up to which users' programs have steps written out."""

@@ -43,7 +43,6 @@ class LinkMotion(NamedTuple):
     """
 
     velocity: jax.Array  # w at t_m + h/2
-    mean_force: jax.Array  # q, mean over the step
     force: jax.Array  # q at t_m
     velocity_now: jax.Array  # w at t_m
     jump: jax.Array
@@ -53,14 +52,6 @@ class LinkMotion(NamedTuple):
     turn_forces: tuple[jax.Array, jax.Array]  # q before and after it
     phase: jax.Array
     change_time: jax.Array
-    contact: Any = None  # a ``ContactMotion`` of a link that may touch
-
-    @property
-    def total_force(self) -> jax.Array:
-        """The force q + p at t_m."""
-        if self.contact is None:
-            return self.force
-        return self.force + self.contact.result.now.contact_force
 
 
 @runtime_checkable
@@ -93,7 +84,6 @@ class EventResolved:
         step = slip_stick(w, a, rise, inverse_mass * mu, h)
         return LinkMotion(
             velocity=step.velocity,
-            mean_force=(a - (step.velocity - w) / h) / inverse_mass,
             force=step.resistance / inverse_mass,
             velocity_now=step.velocity_now,
             jump=step.jump,
@@ -130,7 +120,6 @@ class Switching:
         turns, turn_time, turn = vertex(w, w_new, h)
         return LinkMotion(
             velocity=w_new,
-            mean_force=force,
             force=force,
             velocity_now=(w + w_new) / 2,
             jump=jnp.zeros_like(w),
@@ -187,7 +176,6 @@ class Smoothed:
         turns, turn_time, turn = vertex(w, w_new, h)
         return LinkMotion(
             velocity=w_new,
-            mean_force=(a - (w_new - w) / h) / inverse_mass,
             force=mu * jnp.tanh(_ratio(w_now, width)),
             velocity_now=w_now,
             jump=jnp.zeros_like(w),

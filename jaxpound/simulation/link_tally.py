@@ -10,9 +10,8 @@ import jax.numpy as jnp
 
 from jaxpound._extrema import larger
 from jaxpound.results.element_demands import LinkDemand
-from jaxpound.simulation.contact.group import ContactMotion
 from jaxpound.simulation.contact.records import APART, SOFT, Contact, is_deformed
-from jaxpound.simulation.state import LinkInstant
+from jaxpound.simulation.state import GapStep, LinkInstant
 
 WINDOW = 3  # samples of a parabola: no older event is a kink of it
 
@@ -57,26 +56,26 @@ class ContactTally(NamedTuple):
         """Whether an impact has begun and ended within the last three instants."""
         return (self.since_touch < WINDOW) & (self.since_end < WINDOW)
 
-    def observe(self, seen: ContactMotion | None, time: jax.Array) -> ContactTally:
+    def observe(self, step: GapStep | None, time: jax.Array) -> ContactTally:
         """Add one step, or one without flow (None)."""
-        if seen is None:
+        if step is None:
             return self._replace(
                 lost_now=self.lost,
                 stored_now=self.stored,
                 since_touch=self.since_touch + 1,
                 since_end=self.since_end + 1,
             )
-        now, log = seen.result.now, seen.result.log
+        log = step.log
         begins = (log.touches > 0) & (self.touches == 0)
         return self._replace(
             highest=larger(self.highest, log.highest),
             strongest=larger(self.strongest, log.strongest),
             touches=self.touches + log.touches,
             first=jnp.where(begins, time + log.first_touch, self.first),
-            lost=self.lost + seen.result.lost,
-            stored=self.stored + seen.result.stored,
-            lost_now=self.lost + now.lost,
-            stored_now=self.stored + now.stored,
+            lost=self.lost + step.lost_after,
+            stored=self.stored + step.stored_after,
+            lost_now=self.lost + step.lost,
+            stored_now=self.stored + step.stored,
             powers=self.powers + log.powers,
             since_touch=jnp.where(log.touches > 0, 0.0, self.since_touch + 1),
             since_end=jnp.where(log.ended > 0, 0.0, self.since_end + 1),
@@ -97,56 +96,40 @@ class LinkTally(NamedTuple):
     contact: ContactTally | None  # of a link that may touch
 
     def observe(
-        self,
-        now: LinkInstant,
-        turns: jax.Array,
-        time: jax.Array,
-        share: jax.Array,
-        last: jax.Array,
-        temperature: Any,
+        self, now: LinkInstant, time: jax.Array, share: jax.Array, last: Any, temperature: Any
     ) -> LinkTally:
-        """Add one instant, for a time ``share``; the run may end with it (``last``).
-
-        ``turns`` says whether the slip velocity vanishes near it.
-        """
-        turn, seen = now.closing + now.motion.turn, now.motion.contact
-        # A step with contact may have several turns.
-        between: Any = 0.0
-        first, final = turn, turn
-        instants_since_turn = jnp.where(now.motion.turns, 0.0, self.instants_since_turn + 1)
-        if seen is not None:
-            log = seen.result.log
-            first, final = (jnp.where(seen.used, x, turn) for x in (log.first_turn, log.last_turn))
-            between = jnp.where(seen.used, log.between, 0.0)
-            turn = jnp.where(seen.used, log.farthest, turn)
-            jumps = seen.used & (log.highest_time != 0)
-            instants_since_turn = jnp.where(jumps, 0.0, instants_since_turn)
-        distance = self.distance + jnp.where(turns, jnp.abs(first - self.last_turn) + between, 0.0)
-        last_turn = jnp.where(turns, final, self.last_turn)
+        """Add one instant, for a time ``share``; the run may end with it (``last``)."""
+        turns = now.turns
+        turned_before = turns.farthest_time <= 0
+        in_run = turns.exist & (~last | turned_before)
+        path = jnp.abs(turns.first - self.last_turn) + turns.between
+        distance = self.distance + jnp.where(in_run, path, 0.0)
+        last_turn = jnp.where(in_run, turns.last, self.last_turn)
         contact = self.contact
         if contact is not None:
-            turned_before = turns & (now.motion.turn_time <= 0)
+            turned_before &= in_run
             slid = jnp.where(turned_before, distance, self.distance) + jnp.abs(
                 now.closing - jnp.where(turned_before, last_turn, self.last_turn)
             )
-            contact = contact.observe(seen, time)._replace(slid=slid)
-        higher = turns & (turn > self.farthest)
-        farthest = jnp.where(higher, turn, self.farthest)
-        farthest_time = jnp.where(higher, time + now.motion.turn_time, self.farthest_time)
+            contact = contact.observe(now.gap, time)._replace(slid=slid)
+        higher = in_run & (turns.farthest > self.farthest)
+        farthest = jnp.where(higher, turns.farthest, self.farthest)
+        farthest_time = jnp.where(higher, time + turns.farthest_time, self.farthest_time)
         # The run's end counts only if the link slips there: in stick the largest closing was at the
         # stop before, from which the closing since differs by the error of a step.
         ends = last & (now.velocity > 0) & (now.closing > farthest)
         softly = self.softly
         if softly is not None:
             softly = softly.observe(now.closing / temperature, jnp.where(time < 0, 0.0, share))
+        changes = turns.exist | now.jumps
         return LinkTally(
             closing=now.closing,
             farthest=jnp.where(ends, now.closing, farthest),
             farthest_time=jnp.where(ends, time, farthest_time),
             last_turn=last_turn,
             distance=distance,
-            work=self.work + share * now.motion.force * now.velocity,
-            instants_since_turn=instants_since_turn,
+            work=self.work + share * now.friction * now.velocity,
+            instants_since_turn=jnp.where(changes, 0.0, self.instants_since_turn + 1),
             softly=softly,
             contact=contact,
         )

@@ -28,18 +28,16 @@ from jaxpound.ground.run_input import as_run
 from jaxpound.model.hysteresis import zener_of
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import Topology, elongation, load_on
+from jaxpound.model.topology import Topology
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
-from jaxpound.simulation import state as run_state
 from jaxpound.simulation.batches import spread, without_mesh
-from jaxpound.simulation.contact.group import may_flow
-from jaxpound.simulation.contact.group_flows import FLOW
+from jaxpound.simulation.constants import StepConstants, has_flows
+from jaxpound.simulation.contact.coupled import FLOW
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
-from jaxpound.simulation.starting import RunStart
-from jaxpound.simulation.state import Instant, RunState, StepConstants, of_all_masses
-from jaxpound.simulation.stepping import step
+from jaxpound.simulation.state import Instant, Now, RunState
+from jaxpound.simulation.step import accelerations, step
 
 T = TypeVar("T")
 _SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}  # series of a response, to be extrapolated
@@ -51,7 +49,6 @@ class Rollout(NamedTuple):
     system: System  # the structures in the run's dtype
     constants: StepConstants
     zero: jax.Array  # 0, or NaN in a run whose input breaks a rule, which makes all of it NaN
-    starting: RunStart  # how it starts
     start: RunState
     extra: Any  # the caller's further numbers, cast and spread as all others are
     advance: Callable[..., Any]
@@ -108,7 +105,7 @@ class Rollout(NamedTuple):
         orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
         series = as_motion(ground).excitation(grid, scheme.order).series
         numbers = spread((structures, ground, extra, initial, series))
-        if may_flow(structures.system()):
+        if has_flows(structures.system()):
             orders, numbers = without_mesh((orders, numbers))
         structures, ground, extra, initial, series = numbers
         system = cast(structures.system())
@@ -121,33 +118,29 @@ class Rollout(NamedTuple):
         zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
         if any(link.contact or link.velocity_friction for link in system.links):
             zero = _differentiated_with(zero, (structures, ground, extra, initial))
-        displaced = velocities = stretched = None
+        displaced = velocities = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
-            stretched = tuple(elongation(ends, displaced) for ends in system.topology.rods)
-        constants = run_state.step_constants(system, dt, scheme.order, slots)
-        start = run_state.start_state(system, constants, zero, dt, displaced, velocities)
+        constants = StepConstants.of(system, scheme.friction, dt, scheme.order, slots, displaced)
+        start = constants.start(zero, displaced, velocities)
         excitation = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
-        # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
-        first = jax.tree.map(lambda x: x[0], excitation.series)
-        first_acceleration = excitation.at(jnp.zeros((), dtype), first)[1]
-        before = (dt * first_acceleration * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
-        starting = RunStart(before, stretched)
+        # The paper has x_0 = x_1 = 0: there the step to t_1 begins from the start, too.
+        begins = 0 if scheme.start == "rest" or initial is not None else 1
 
         def advance(
             state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any, with_flows: bool
         ) -> Any:
-            time = m.astype(dtype) * dt
+            time, is_first = m.astype(dtype) * dt, m == 0
             now_and_mean = excitation.at(jnp.maximum(time, 0), entry)
             a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
-            is_first, is_last = m == 0, m == grid.n_steps
-            state = starting.before(state, is_first)
-            now = time, (a, mean), dt, scheme, is_first, is_last
-            *after, instant = step(constants, starting, state, sums, *now, with_flows)
-            idle = [state, [zero] * len(sums)]
-            return *starting.kept(time, idle, after), instant
+            # The run begins in the middle of its first step, at t = 0.
+            kick = jnp.where(is_first, 0.5, 1.0).astype(dtype)
+            now = Now(time, a, mean, is_first, m == grid.n_steps, kick)
+            if begins or initial is not None:
+                state = jax.tree.map(lambda x, y: jnp.where(m <= begins, x, y), start, state)
+            return step(constants, state, sums, now, with_flows)
 
-        if constants.groups or (constants.is_long and constants.yielding_laws):
+        if constants.has_flows or (constants.is_long and constants.yields):
             # Reverse mode then keeps fewer numbers of each step.
             kept = jax.checkpoint_policies.save_only_these_names(FLOW)
             advance = jax.checkpoint(advance, prevent_cse=False, policy=kept, static_argnums=(4,))
@@ -161,7 +154,7 @@ class Rollout(NamedTuple):
             checkpoint=scheme.checkpoint,
             block=constants.block,
         )
-        return Rollout(system, constants, zero, starting, start, extra, advance, scan)
+        return Rollout(system, constants, zero, start, extra, advance, scan)
 
 
 @jax.custom_jvp
@@ -213,20 +206,13 @@ class Observer(NamedTuple):
 
 
 def _positions(system: StepConstants, now: Instant) -> tuple[Any, ...]:
-    closings = [link.closing for link in now.links]
-    return *of_all_masses(system.topology, now.x, closings), *closings
-
-
-def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
-    ends = (*system.topology.rods, *system.topology.links)
-    forces = [*now.forces, *(link.total_force for link in now.links)]
-    return tuple(load_on(ends, i, forces) * share for i, share in enumerate(system.inverse_masses))
+    return *now.x, *(link.closing for link in now.links)
 
 
 POSITIONS = Observer(_positions, lambda topology: topology.n_masses + len(topology.links))
 """Displacement of each mass, and x_i − x_j of each link's ends: its gap at rest less its gap."""
 
-ACCELERATIONS = Observer(_accelerations, lambda topology: topology.n_masses)
+ACCELERATIONS = Observer(accelerations, lambda topology: topology.n_masses)
 """Absolute acceleration x'' + u'' of each mass."""
 
 ROD_FORCES = Observer(lambda system, now: now.forces, lambda topology: len(topology.rods))

@@ -41,7 +41,8 @@ from jaxpound.simulation.scheme import (
     single_system,
 )
 from jaxpound.simulation.series import StoredSeries, response_of
-from jaxpound.simulation.state import Instant, of_all_masses
+from jaxpound.simulation.constants import contacts
+from jaxpound.simulation.state import Instant
 from jaxpound.simulation.tally import Tally
 
 Case = tuple[Structures, Ground, InitialState | None]  # of a run, with its start
@@ -238,28 +239,33 @@ def _prepare(
 
 def _run(
     case: Case, grid: TimeGrid, scheme: Scheme, temperature: ArrayLike | None, keep: bool
-) -> tuple[System, Demand, StoredSeries | None, tuple[Contact | None, ...]]:
-    """The system in the run's dtype, scalars, series if ``keep``, and links' contact at the end."""
+) -> tuple[System, Demand, StoredSeries | None, tuple[Contact | None, ...], tuple[Any, ...]]:
+    """The system in the run's dtype, scalars, series if ``keep``, and links' contact at the end.
+
+    And by mass the share of the ground's motion that it has beside its joints'.
+    """
     (structures, ground, initial), slots = case, SLOTS if keep else 0
     extra = temperature, _temperature_rules
     run = Rollout.of(structures, ground, grid, scheme, *extra, slots, initial)
     system, zero, temperature, n = run.system, run.zero, run.extra, grid.n_steps
 
     def observe(tally: Tally, now: Instant, m: jax.Array) -> tuple[Tally, StoredSeries | None]:
-        tally = tally.observe(now, run.constants, run.starting, grid.dt, m == n, temperature)
-        return tally, StoredSeries.of(now, tally) if keep else None
+        if initial is not None:  # all is as it starts until then
+            tally = jax.tree.map(lambda x, y: jnp.where(m <= 0, x, y), start, tally)
+        tally = tally.observe(now, run.constants, system.topology, m == n, temperature)
+        return tally, StoredSeries.of(now, tally, run.constants) if keep else None
 
-    closings = [link.closing for link in run.start.links]
-    start = Tally.start(run.constants, system, zero, temperature is not None, closings)
+    start = Tally.start(run.constants, system, zero, temperature is not None, run.start)
     (state, tally), kept = run.observed(observe, start, segmented=keep)
-    ends = tuple(None if link.contact is None else link.contact.contact for link in state.links)
-    scalars = tally.demand(run.constants, system, state, scheme.friction.set_valued, temperature)
+    ends = contacts(run.constants, state, len(system.links))
+    set_valued = scheme.friction.set_valued
+    scalars = tally.demand(run.constants, system, state, ends, set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
     # leave finite derivatives.
-    closings = [link.closing for link in state.links]
-    last = jnp.stack(of_all_masses(system.topology, state.x, closings))
-    poison = jnp.where(jnp.isfinite(last).all(), 1.0, jnp.nan).astype(zero.dtype)
-    return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, ends)))
+    is_finite = jnp.isfinite(jnp.stack(state.x)).all()
+    poison = jnp.where(is_finite, 1.0, jnp.nan).astype(zero.dtype)
+    results = jax.tree.map(lambda x: x * poison, (scalars, kept, ends))
+    return system, *results, run.constants.with_ground
 
 
 @partial(jax.jit, static_argnames=("classes", "grid", "scheme", "only"))
@@ -285,9 +291,9 @@ def _simulate(
     """The response and, if ``balanced``, the share of its energy that the balance leaves."""
 
     def at(grid: TimeGrid) -> Response:
-        system, scalars, stored, contacts = _run(case, grid, scheme, None, keep=True)
+        system, scalars, stored, *ends = _run(case, grid, scheme, None, keep=True)
         assert stored is not None
-        return response_of(system, case[1], grid, scheme, scalars, stored, contacts)
+        return response_of(system, case[1], grid, scheme, scalars, stored, *ends)
 
     response = extrapolated_response(at(grid), at(grid.halved)) if scheme.extrapolated else at(grid)
     return response, response.energy.relative_residual if balanced else None

@@ -16,14 +16,14 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.model.dampers import PowerLaw
+from jaxpound.model.ends import mobility, weighted
 from jaxpound.model.hysteresis import before_yield, zener_of
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Structures, System, gravity_of
 from jaxpound.model.topology import Ends, Topology, link_groups, rod_groups, storey_rods
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
-from jaxpound.simulation.rod import nyquist_stiffness
-from jaxpound.simulation.state import link_inverse_mass
+from jaxpound.simulation.rods.zener import nyquist_stiffness
 
 
 @dataclasses.dataclass(frozen=True)
@@ -282,8 +282,7 @@ def stiffest_rod(
 
 def _mobilities(system: System) -> list[Any]:
     """The relative acceleration of each rod's ends under a unit force in it."""
-    inverse = [1 / mass for mass in system.masses]
-    return [link_inverse_mass(ends, inverse) for ends in system.topology.rods]
+    return [mobility(weighted(ends), system.masses) for ends in system.topology.rods]
 
 
 def _part(topology: Topology, rod: int) -> str:

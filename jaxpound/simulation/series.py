@@ -17,7 +17,8 @@ from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.contact.records import Contact, Impacts, is_deformed
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.state import Instant, of_all_masses
+from jaxpound.simulation.constants import StepConstants
+from jaxpound.simulation.state import Instant
 from jaxpound.simulation.tally import Tally
 
 
@@ -32,33 +33,33 @@ class StoredSeries(NamedTuple):
     impacts: tuple[Impacts | None, ...]  # that ended in each step, for each link that may touch
 
     @staticmethod
-    def of(now: Instant, tally: Tally) -> StoredSeries:
+    def of(now: Instant, tally: Tally, constants: StepConstants) -> StoredSeries:
         """The entries of an instant."""
         links, impacts = [], []
         for link, tallied in zip(now.links, tally.links, strict=True):
-            motion, contact_motion = link.motion, link.motion.contact
             entries = {
                 "closing": link.closing,
                 "slip_velocity": link.velocity,
-                "friction": motion.force,
-                "phase": motion.phase,
-                "change_time": now.time + motion.change_time,
+                "friction": link.friction,
+                "phase": link.phase,
+                "change_time": now.time + link.change_time,
                 "inertia": link.inertia,
             }
             impact = None
-            if (contact := tallied.contact) is not None:
-                log = contact_motion.result.log
+            if (contact := tallied.contact) is not None and link.gap is not None:
                 entries |= {
-                    "contact": contact_motion.result.now.contact_force,
-                    "touching": log.touched,
+                    "contact": link.gap.force,
+                    "touching": link.gap.log.touched,
                     "contact_stored": contact.stored_now,
                     "contact_lost": contact.lost_now,
                     "slid": contact.slid,
                 }
-                impact = jax.tree.map(tuple, log.impacts)
+                impact = jax.tree.map(tuple, link.gap.log.impacts)
             links.append(entries)
             impacts.append(impact)
-        return StoredSeries(now.x, now.v, now.forces, now.dissipated, tuple(links), tuple(impacts))
+        rods = zip(constants.rods, now.rods, strict=True)
+        dissipated = tuple(law.dissipated(rod) for law, rod in rods)
+        return StoredSeries(now.x, now.v, now.forces, dissipated, tuple(links), tuple(impacts))
 
 
 def response_of(
@@ -69,8 +70,12 @@ def response_of(
     scalars: Demand,
     stored: StoredSeries,
     ends: Sequence[Contact | None],
+    with_ground: Sequence[Any],
 ) -> Response:
-    """The response from the stored series; ``ends`` are the links' contacts at the end."""
+    """The response from the stored series; ``ends`` are the links' contacts at the end.
+
+    ``with_ground`` is by mass the share of the ground's motion that it has beside its joints'.
+    """
     topology, rest = system.topology, 0 * stored.forces[0]
     # The scan does not store series that follow from others; those of an invalid run are NaN.
     time = jnp.asarray(grid.times(), rest.dtype)
@@ -79,14 +84,12 @@ def response_of(
     # A free mass's velocity is the mean of those half a step away. The ground's mean there exceeds
     # the ground velocity now by the bulge, which is added; but not as the run starts.
     bulge = bulge.at[0].set(0)
-    free = [None if v is None else v + bulge for v in stored.v]
-    v = of_all_masses(topology, free, [link["slip_velocity"] for link in stored.links])
-    x = of_all_masses(topology, stored.x, [link["closing"] for link in stored.links])
+    v = [v + share * bulge for v, share in zip(stored.v, with_ground, strict=True)]
     return Response(
         time=time + rest,
         ground_acceleration=jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest,
         ground_velocity=ground_velocity + rest,
-        masses=tuple(map(MassResponse, x, v, [mass + rest[0] for mass in system.masses])),
+        masses=tuple(map(MassResponse, stored.x, v, [mass + rest[0] for mass in system.masses])),
         rods=tuple(map(RodResponse, stored.forces, topology.rods, stored.dissipated)),
         links=tuple(
             _link_response(link, stored.links[k], stored.impacts[k], ends[k], time[-1] + rest[0])

@@ -1,235 +1,154 @@
-"""The state of a system between two steps, the constants of its steps, and an instant of it."""
+"""What a step takes and gives: the state of a system between two steps, and an instant of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 
-from jaxpound.model.dampers import Dashpot, PowerLaw
-from jaxpound.model.hysteresis import hysteresis_of, zener_of
-from jaxpound.model.system import System
-from jaxpound.model.topology import GROUND, Ends, Topology, elongation, link_groups
-from jaxpound.simulation.contact.group import ContactState, coupling, needs_flow
-from jaxpound.simulation.contact.group_flows import Groups, alike
-from jaxpound.simulation.contact.records import Contact
+from jaxpound.model.joints import Joint
 from jaxpound.simulation.friction import LinkMotion
-from jaxpound.simulation.inertance import Inerters
-from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
-from jaxpound.simulation.scan import BlockForm
-from jaxpound.simulation.slider import has_slider
-from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState
-
-FEW_RODS = 8  # beyond, batches have no shortcut, and peaks and laws are arrays: it compiles sooner
-WRITTEN_OUT = 4  # rods up to which a block is unrolled; a loop compiles in a third of the time
 
 
-def each(function: Callable[..., Any], *series: Iterable[Any]) -> tuple[Any, ...]:
-    """A function of the entries of several series one by one; None where an entry is None."""
-    rows = zip(*series, strict=True)
-    return tuple(None if any(x is None for x in row) else function(*row) for row in rows)
+class Now(NamedTuple):
+    """The instant t_m of a step, and the step from t_m − h/2 to t_m + h/2 about it."""
+
+    time: jax.Array
+    ground: jax.Array  # u'' at t_m
+    mean_ground: jax.Array  # mean of u'' over the step
+    is_first: jax.Array  # whether the run starts at t_m: its first step is the second half alone
+    is_last: jax.Array  # whether it ends at t_m
+    kick: jax.Array  # length of the step in units of h
 
 
-class StepConstants(NamedTuple):
-    """Constants of a run, as its steps use them."""
+class JointState(NamedTuple):
+    """State of a joint, or of joints that share masses, (n,) each."""
 
-    topology: Topology
-    inverse_masses: tuple[jax.Array, ...]
-    rods: tuple[RodLaw | SpringLaw, ...]  # as they are before they yield
-    hysteresis: tuple[HysteresisConstants | None, ...]  # of the rods
-    frictions: tuple[jax.Array, ...]
-    groups: tuple[Groups, ...]  # of links that may need the local flow
-    mass_shares: dict[int, dict[int, jax.Array]]  # of these groups, by number: see ``coupling``
-    inerters: Inerters | None
-    slots: int  # impacts recorded for each link in one step
-
-    @property
-    def is_long(self) -> bool:
-        """Whether a step is too long for a block to be unrolled (``WRITTEN_OUT``)."""
-        return bool(self.groups) or len(self.rods) > WRITTEN_OUT or self.has_long_laws
-
-    @property
-    def yielding_laws(self) -> list[Any]:
-        """The laws of hysteresis of rods that yield, without dashpots."""
-        return [rod.law for rod in self.hysteresis if rod and not isinstance(rod.law, Dashpot)]
-
-    @property
-    def has_shortcut(self) -> bool:
-        """Whether batches have a shorter program for steps without local flow: on CPUs."""
-        always = any(group.coupling.has_resistance for group in self.groups)
-        is_short = bool(self.groups) and len(self.rods) <= FEW_RODS
-        return is_short and not always and jax.default_backend() == "cpu"
-
-    @property
-    def has_many_peaks(self) -> bool:
-        """Whether peaks of its series are computed in arrays, which compiles in less time."""
-        return bool(self.groups) and len(self.rods) > FEW_RODS
-
-    @property
-    def has_long_laws(self) -> bool:
-        """Whether rods yield by laws of more operations than ``Bilinear``."""
-        return not all(map(has_slider, self.yielding_laws))
-
-    @property
-    def has_laws_in_arrays(self) -> bool:
-        """Whether laws of many rods are in arrays: they compile in half the time but run longer."""
-        return len(self.rods) > FEW_RODS and self.has_long_laws
-
-    @property
-    def block(self) -> BlockForm:
-        """How the steps of a block are computed."""
-        if self.is_long:
-            return "loop"
-        return "recomputed" if self.yielding_laws else "written out"
-
-    def link_pulls(self, loads: Sequence[Any], acceleration: Any) -> list[jax.Array]:
-        """Relative accelerations of the links' ends without these; between masses u'' drops out."""
-        pulls, inverse = list[jax.Array](), self.inverse_masses
-        for ends in self.topology.links:
-            left, right = (acceleration if i == GROUND else loads[i] * inverse[i] for i in ends)
-            pulls.append(left - right)
-        return pulls if self.inerters is None else self.inerters.reduced(pulls)
-
-    def inerter_forces(
-        self, forces: Sequence[Any], acceleration: jax.Array, totals: Sequence[jax.Array]
-    ) -> dict[int, jax.Array]:
-        """Forces of inerters by link, under forces of rods, and of friction and contact."""
-        if self.inerters is None:
-            return {}
-        pulls = self.link_pulls(self.topology.loads(forces), acceleration)
-        return self.inerters.forces(pulls, totals)
-
-
-class LinkState(NamedTuple):
-    """State of a link: its closing at t_m, the rest at t_m − h/2 or t_{m−1}."""
-
-    closing: jax.Array
-    velocity: jax.Array
-    phase: jax.Array
-    pull: jax.Array  # A_{m−1}, the relative acceleration without the link
-    contact: ContactState | None  # of a link in a group that may need the local flow
+    closing: jax.Array  # at t_m, as predicted
+    velocity: jax.Array  # at t_m − h/2; exactly 0 in stick
+    phase: jax.Array  # direction of slip then, 0 in stick
+    pull: jax.Array  # A_{m−1}, the relative acceleration without forces of joints
+    half: Any = None  # closing at t_m − h/2, where a flow starts; None of a joint that has none
+    contact: Any = None  # a ``Contact`` by gap
 
 
 class RunState(NamedTuple):
-    """Positions at t_m, velocities at t_m − h/2, and the state of rods and links.
+    """Displacements at t_m, velocities at t_m − h/2, and the state of rods and joints."""
 
-    A mass that hangs on a link has no position and velocity of its own (None).
-    """
+    x: tuple[jax.Array, ...]
+    v: tuple[jax.Array, ...]
+    rods: tuple[Any, ...]
+    joints: tuple[JointState, ...]
 
-    x: tuple[jax.Array | None, ...]
-    v: tuple[jax.Array | None, ...]
-    # K e_{m−1} − f_{m−1} of each rod with elongation e, by its force before yield
-    excess: tuple[Any, ...]  # None of a spring
-    yielding: tuple[HysteresisState | None, ...]
-    links: tuple[LinkState, ...]
+
+class Turns(NamedTuple):
+    """Closings of joints where their velocity vanished or reversed in a step."""
+
+    exist: jax.Array  # whether there are some
+    first: jax.Array
+    last: jax.Array
+    between: jax.Array  # path from the first to the last
+    farthest: jax.Array
+    farthest_time: jax.Array  # after t_m
+    nearest: jax.Array
+    nearest_time: jax.Array
+
+
+class Moved(NamedTuple):
+    """A joint, or joints that share masses, (n,) each, after a step."""
+
+    now: jax.Array  # closing at t_m
+    state: JointState
+    motion: LinkMotion
+    turns: Turns
+
+    @staticmethod
+    def by(motion: LinkMotion, now: jax.Array, state: JointState) -> Moved:
+        """Joints that turn at most once."""
+        turn, time = now + motion.turn, motion.turn_time
+        turns = Turns(motion.turns, turn, turn, jnp.zeros_like(turn), turn, time, turn, time)
+        return Moved(now, state, motion, turns)
+
+
+class GapStep(NamedTuple):
+    """The contact of a gap in a step with a flow."""
+
+    force: jax.Array  # at t_m
+    stored: jax.Array  # change of the energy stored in contact until t_m, and over the step
+    stored_after: jax.Array
+    lost: jax.Array  # energy lost by contact, likewise
+    lost_after: jax.Array
+    log: Any  # a ``GapLog``
 
 
 class LinkInstant(NamedTuple):
-    """A link at an instant t_m, and its motion around it."""
+    """A link at an instant t_m, and its motion around it, as its own face sees it."""
 
     closing: jax.Array
     velocity: jax.Array
-    motion: LinkMotion
-    inertia: jax.Array | None  # force of its inerter
+    friction: Any  # its force; 0 of a link that is the other face of one
+    phase: jax.Array  # direction of slip after the step, and when it began, after t_m
+    change_time: jax.Array
+    turns: Turns
+    jumps: Any  # whether its forces jump in a flow
+    inertia: Any  # force of its inerter, or None
+    gap: GapStep | None  # of a link with a law of contact, in a step with a flow
 
-    @property
-    def total_force(self) -> jax.Array:
-        """The force of friction, contact and inerter."""
-        total = self.motion.total_force
-        return total if self.inertia is None else total + self.inertia
+
+class Jump(NamedTuple):
+    """An instant at which accelerations of masses may peak: forces of joints jump there."""
+
+    time: jax.Array  # after t_m
+    forces: Sequence[jax.Array]  # of friction and contact then, of the joints that share masses
+
+
+Inertia = Callable[[Sequence[jax.Array]], dict[int, jax.Array]]
+"""Forces of inerters by joint of a kind, from those of friction and contact in all of them."""
+
+
+class SeenJoints(NamedTuple):
+    """Joints of a kind as they are observed at t_m."""
+
+    forces: tuple[jax.Array, ...]  # of friction and contact, by joint
+    links: dict[int, LinkInstant]
+    jumps: tuple[tuple[Jump, ...], ...]  # by group of joints
+
+
+def link_instants(
+    joint: Joint, moved: Moved, jumps: Any, inertia: Any, gaps: dict[int, GapStep]
+) -> dict[int, LinkInstant]:
+    """The links that a joint is, each as it sees the joint."""
+    now, motion, turns = moved.now, moved.motion, moved.turns
+    links = {}
+    for link, side in joint.faces:
+        if side < 0:
+            reverse = {"first": -turns.first, "last": -turns.last, "farthest": -turns.nearest}
+            turns = turns._replace(**reverse, farthest_time=turns.nearest_time)
+        links[link] = LinkInstant(
+            closing=side * now,
+            velocity=side * motion.velocity_now,
+            friction=motion.force if side > 0 else 0 * motion.force,
+            phase=side * motion.phase,
+            change_time=motion.change_time,
+            turns=turns,
+            jumps=jumps,
+            inertia=inertia if side > 0 else None,
+            gap=gaps.get(link),
+        )
+    return links
 
 
 class Instant(NamedTuple):
-    """A system at an instant t_m. Hanging masses are left out, as in ``RunState``."""
+    """A system at an instant t_m."""
 
     time: jax.Array
-    ground_acceleration: jax.Array
-    x: tuple[jax.Array | None, ...]
-    v: tuple[jax.Array | None, ...]
+    ground: jax.Array  # u''
+    x: tuple[jax.Array, ...]
+    v: tuple[jax.Array, ...]
     forces: tuple[jax.Array, ...]  # of the rods
-    dissipated: tuple[jax.Array | None, ...]  # energy, by rods that yield
+    rods: tuple[Any, ...]  # their states
+    joints: tuple[SeenJoints, ...]
     links: tuple[LinkInstant, ...]
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
-
-
-def step_constants(system: System, dt: float, order: int, slots: int) -> StepConstants:
-    """The constants of a run with steps of ``dt`` that records up to ``slots`` impacts in each."""
-    topology, inverse = system.topology, tuple(1 / m for m in system.masses)
-    rods = tuple(
-        SpringLaw(rod.stiffness)
-        if (viscoelastic := zener_of(rod.material)) is None
-        else rod_law(viscoelastic, rod.stiffness, dt, order)
-        for rod in system.rods
-    )
-    laws = [
-        rod.material.for_steps(rod.stiffness, dt)
-        if isinstance(rod.material, PowerLaw)
-        else hysteresis_of(rod.material)
-        for rod in system.rods
-    ]
-    hysteresis = each(HysteresisConstants, laws, [rod.stiffness for rod in system.rods])
-    groups, links = dict(enumerate(link_groups(topology))), system.links
-    inerters = Inerters.of(system, inverse)
-    couplings, mass_shares = {}, {}
-    for n, group in groups.items():
-        if needs_flow(group, links):
-            couplings[n], mass_shares[n] = coupling(topology, group, links, inverse, inerters)
-    frictions = tuple(link.friction for link in links)
-    of_links = frictions, alike(groups, couplings), mass_shares, inerters, slots
-    return StepConstants(topology, inverse, rods, hysteresis, *of_links)
-
-
-def start_state(
-    system: System,
-    constants: StepConstants,
-    zero: jax.Array,
-    dt: float,
-    x: Sequence[jax.Array] | None = None,
-    v: Sequence[jax.Array] | None = None,
-) -> RunState:
-    """The state before the first step; or at t = 0, of masses displaced by x that move with v."""
-    topology, groups = system.topology, link_groups(system.topology)
-    hanging = {far for group in groups for _, _, far in group.hanging}
-    flowing = {k for of_shape in constants.groups for k in of_shape.links}
-    links = []
-    for k, ends in enumerate(topology.links):
-        closing, velocity = (zero if y is None else elongation(ends, y) for y in (x, v))
-        apart = Contact(*(zero,) * len(Contact._fields))
-        contact = ContactState(closing, apart) if k in flowing else None
-        links.append(LinkState(closing, velocity, jax.lax.stop_gradient(zero), zero, contact))
-
-    def of_free(y: Sequence[jax.Array] | None) -> tuple[jax.Array | None, ...]:
-        values = [zero] * topology.n_masses if y is None else y
-        return tuple(None if mass in hanging else value for mass, value in enumerate(values))
-
-    def of_rod(rod: HysteresisConstants, ends: Ends) -> HysteresisState:
-        length, speed = (zero if y is None else elongation(ends, y) for y in (x, v))
-        return HysteresisState(rod.law.start(length), rod.within(length), dt * speed)
-
-    yielding = each(of_rod, constants.hysteresis, topology.rods)
-    excess = tuple(None if isinstance(law, SpringLaw) else zero for law in constants.rods)
-    return RunState(of_free(x), of_free(v), excess, yielding, tuple(links))
-
-
-def of_all_masses(
-    topology: Topology, free: Sequence[Any], relative: Sequence[Any]
-) -> tuple[Any, ...]:
-    """Positions (or velocities) of all masses, from the free ones' and the links' closings."""
-    positions = list(free)
-    for group in link_groups(topology):
-        for k, near, far in group.hanging:
-            left, s = topology.links[k][0] == near, relative[k]
-            if near == GROUND:
-                positions[far] = -s if left else s
-            else:
-                positions[far] = positions[near] - s if left else positions[near] + s
-    return tuple(positions)
-
-
-def link_inverse_mass(ends: Ends, inverse: Sequence[Any]) -> Any:
-    """Relative acceleration of a link's ends under a unit force in the link."""
-    i, j = ends
-    if j == GROUND:
-        return inverse[i]
-    return inverse[j] if i == GROUND else inverse[i] + inverse[j]

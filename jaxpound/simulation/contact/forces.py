@@ -226,3 +226,11 @@ def inverse_of(rows: jax.Array) -> jax.Array:
         other = (jnp.arange(n) != k)[:, None]
         work = jnp.where(other, work - work[:, k : k + 1] * pivot[None], pivot[None])
     return work[:, n:]
+
+
+def at_gaps(gaps, y):
+    return jnp.stack([y[j] * side for j, side in gaps])
+
+
+def at_joints(gaps, holds, n):
+    return jnp.stack([sum([holds[i] for i, (k, _) in enumerate(gaps) if k == j], jnp.zeros((), bool)) for j in range(n)])

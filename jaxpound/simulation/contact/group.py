@@ -1,7 +1,7 @@
-r"""Links that may touch or that share masses, over one step of a run.
+r"""Joints that may touch or that share masses, over one step of a run.
 
-A group of such links runs the local flow (``flows``) where it needs it: in contact, where a
-gap may close within the step, and, for links that share masses, where slip or stick ends. All other
+A group of such joints runs the local flow (``flows``) where it needs it: in contact, where a
+gap may close within the step, and, for joints that share masses, where slip or stick ends. All other
 steps have closed forms.
 
 An impact is a kink of the path. If the rods took the position at an instant of the grid, where in
@@ -17,219 +17,120 @@ the step.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jaxpound._extrema import larger
-from jaxpound.model.contact import with_mass
-from jaxpound.model.system import Link, System
-from jaxpound.model.topology import LinkGroup, Topology, link_groups
 from jaxpound.simulation.contact import forces, records
 from jaxpound.simulation.contact.flows import flow
-from jaxpound.simulation.contact.forces import of_either_face, seen_by_faces, times
-from jaxpound.simulation.contact.records import APART, PRESSED, Contact, FlowInput, FlowResult
+from jaxpound.simulation.contact.forces import at_gaps, at_joints, times
+from jaxpound.simulation.contact.records import APART, PRESSED, FlowInput, FlowResult
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, LinkMotion, LinkStep
-from jaxpound.simulation.inertance import Inerters
+from jaxpound.simulation.state import JointState, Moved, Now, Turns
 
-_REVERSED = "velocity", "velocity_now", "jump", "turn", "phase"  # for a link's other face
+Gaps = tuple[tuple[int, int], ...]  # joint and side of each
 
 
 class Coupling(NamedTuple):
-    """Constants of a group of n links and f faces (``forces``) that may need the local flow."""
+    """Constants of n joints that share masses, with g gaps that have a law of contact."""
 
-    delassus: jax.Array  # G (n, n): relative accelerations of ends under unit forces in the links
-    frictions: jax.Array  # (f,)
-    gaps: jax.Array
-    laws: tuple[Any, ...]  # of contact, for the effective masses, by face
-    resistances: tuple[Any, ...]  # by link
+    delassus: jax.Array  # G (n, n): relative accelerations of ends under unit forces in the joints
+    frictions: jax.Array  # (n,)
+    resistances: tuple[Any, ...]  # what friction gains with the velocity, by joint, or None
+    sizes: jax.Array  # (g,)
+    laws: tuple[Any, ...]  # of contact for the effective masses, by gap
 
     @property
     def has_resistance(self) -> bool:
-        """Whether a link has friction that grows with the velocity, which needs every flow."""
+        """Whether a joint has friction that grows with the velocity, which needs every flow."""
         return any(law is not None for law in self.resistances)
-
-    def flow_input(self, motion: tuple[Any, ...], contact: Contact) -> FlowInput:
-        """The input of a flow from closings, velocities, pulls and their rise."""
-        fields: Any = *motion, *self, contact
-        return FlowInput(*fields)
 
     def response(
         self, held: jax.Array, pull: jax.Array, prescribed: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """Accelerations and forces where some links are held; ``prescribed`` act in the others."""
+        """Accelerations and forces where some joints are held; ``prescribed`` act in the others."""
         inverse = forces.held_inverse(self.delassus, held)
         return forces.response(self.delassus, inverse, held, pull, prescribed)
 
-    def gained(self, faces: tuple[int, ...], held: jax.Array, pull: jax.Array) -> jax.Array:
-        """Accelerations, as the faces see them, of links under a pull, where some are held."""
-        n = len(self.resistances)
-        gain, _ = self.response(held[:n], pull[:n], 0 * pull[:n])
-        return seen_by_faces(gain, faces)
+    def gained(self, held: jax.Array, pull: jax.Array) -> jax.Array:
+        """Accelerations of joints under a pull, where some are held."""
+        return self.response(held, pull, 0 * pull)[0]
 
 
-class ContactState(NamedTuple):
-    """State of a face in a group that may need the local flow, besides that of any link."""
+class Flow(NamedTuple):
+    """Joints after their local flow, (n,) each."""
 
-    closing_before: jax.Array  # closing at t_m − h/2
-    contact: Contact
-
-
-class ContactMotion(NamedTuple):
-    """Motion of such a link in a step from t_m − h/2 to t_m + h/2."""
-
-    used: jax.Array  # whether the local flow was needed
-    result: FlowResult  # zero if it was not, but for the turns of a link that did not touch
+    pull: jax.Array  # that they saw
+    result: FlowResult
+    used: jax.Array  # whether the flow was needed
+    mean: jax.Array  # how far the sample that the rods take is from the closing at t_m
+    now: jax.Array  # and how far the true closing at t_m is from it
 
 
-class MovedLink(NamedTuple):
-    """A link, or the links of a group, after a step."""
-
-    closing: jax.Array  # at t_m
-    contact: ContactState | None  # after the step
-    motion: LinkMotion  # in the step
-
-
-def needs_flow(group: LinkGroup, links: tuple[Link, ...]) -> bool:
-    """Whether a group's steps may need the local flow."""
-    of_group = [links[k] for k in group.links]
-    return len(group.hanging) > 1 or any(x.contact or x.velocity_friction for x in of_group)
-
-
-def may_flow(system: System) -> bool:
-    """Whether steps of a system may need the local flow."""
-    return any(needs_flow(group, system.links) for group in link_groups(system.topology))
-
-
-def coupling(
-    topology: Topology,
-    group: LinkGroup,
-    links: tuple[Link, ...],
-    inverse: tuple[jax.Array, ...],
-    inerters: Inerters | None,
-) -> tuple[Coupling, dict[int, jax.Array]]:
-    """The constants of a group, and how its masses share changes of closings.
-
-    These are, by mass, its shift by each closing, the centre of mass fixed; 0 for other faces.
-    ``inverse`` are the inverse masses.
-    """
-    n, of_group = len(group.hanging), [links[k] for k in group.links]
-    link_of_face = (*range(n), *group.faces)
-    ends = [topology.links[k] for k in group.links[:n]]
-    signs = {
-        mass: jnp.asarray([(mass == i) - (mass == j) for i, j in ends], inverse[0].dtype)
-        for mass in group.masses
-    }
-    weighed = [inverse[mass] * jnp.outer(sign, sign) for mass, sign in signs.items()]
-    delassus = sum(weighed[1:], weighed[0])
-    whole = forces.inverse_of(delassus)
-    shares = {mass: inverse[mass] * (sign @ whole) for mass, sign in signs.items()}
-    if inerters is not None:  # whose impulses do not change the shares
-        delassus = inerters.delassus[np.ix_(group.links[:n], group.links[:n])]
-    constants = Coupling(
-        delassus=delassus,
-        frictions=jnp.stack([of_group[k].friction for k in link_of_face]),
-        gaps=jnp.stack([link.gap for link in of_group]),
-        laws=tuple(
-            None if link.contact is None else with_mass(link.contact, 1 / delassus[k, k])
-            for link, k in zip(of_group, link_of_face, strict=True)
-        ),
-        resistances=tuple(link.velocity_friction for link in of_group[:n]),
+def motion_without_flow(
+    group: Coupling, before: JointState, pull: jax.Array, now: Now, law: FrictionLaw, h: float
+) -> LinkMotion:
+    """Motion of joints, (n,), over a step without flow; ``law`` is that of a joint alone."""
+    rise = rise_of(before, pull, now)
+    # Half a step is a whole one with half the pull and half the mobility.
+    pull, group = now.kick * pull, group._replace(delassus=now.kick * group.delassus)
+    if before.closing.size > 1:
+        return _motion_without_events(group, before.velocity, pull, rise, h)
+    motion = law.slide(
+        LinkStep(
+            before.velocity[0],
+            before.phase[0],
+            pull[0],
+            rise[0],
+            group.delassus[0, 0],
+            group.frictions[0],
+            h,
+        )
     )
-    return constants, {mass: _of_links_alone(share, group.faces) for mass, share in shares.items()}
-
-
-def _of_links_alone(values: jax.Array, faces: tuple[int, ...]) -> jax.Array:
-    """Values of links, (n,), with zeros for their other faces, (f,)."""
-    return jnp.pad(values, (0, len(faces))) if faces else values
-
-
-def with_other_faces(motion: LinkMotion, faces: tuple[int, ...]) -> LinkMotion:
-    """The motion of links, (n,) each, as their faces see it, (f,); the force is of the link."""
-    if not faces:
-        return motion
-    seen: Any = {name: seen_by_faces(getattr(motion, name), faces) for name in _REVERSED}
-    forces: Any = {name: getattr(motion, name) for name in ("mean_force", "force", "turn_forces")}
-    times: Any = {name: getattr(motion, name) for name in ("turns", "turn_time", "change_time")}
-    forces = jax.tree.map(lambda y: _of_links_alone(y, faces), forces)
-    times = jax.tree.map(lambda y: jnp.stack([*y, *(y[k] for k in faces)]), times)
-    return LinkMotion(**seen, **forces, **times)
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class GroupStep:
-    """Inputs of a group for a step from t_m − h/2 to t_m + h/2; (f,) for f faces."""
-
-    closing: jax.Array  # at t_m, as predicted
-    velocity: jax.Array  # at t_m − h/2
-    phase: jax.Array  # direction of slip then, 0 in stick
-    state: ContactState
-    pull: jax.Array  # A_m
-    rise: jax.Array  # A_m − A_{m−1}
-    time: jax.Array
-    is_first: jax.Array  # whether t_m = 0
-    is_last: jax.Array  # whether the run ends at t_m
-    at_rest: bool = dataclasses.field(metadata={"static": True})  # whether the run starts at rest
-    dt: float = dataclasses.field(metadata={"static": True})  # h
-    slots: int = dataclasses.field(metadata={"static": True})  # impacts of a face to be recorded
-    faces: tuple[int, ...] = dataclasses.field(metadata={"static": True})  # of ``LinkGroup``
-    on_ground: bool = dataclasses.field(metadata={"static": True})  # its masses slide there
-
-    @property
-    def of_links(self) -> GroupStep:
-        """The same of the links alone, (n,)."""
-        n = self.closing.size - len(self.faces)
-        return jax.tree.map(lambda y: y[:n] if y.ndim else y, self) if self.faces else self
-
-
-def motion_without_flow(group: Coupling, before: GroupStep, law: FrictionLaw) -> LinkMotion:
-    """Motion of links, (n,), over a step without flow; ``law`` is that of a link without others."""
-    if len(group.resistances) > 1:
-        return _motion_without_events(group, before)
-    velocity, phase = before.velocity[0], before.phase[0]
-    of_link = velocity, phase, before.pull[0], before.rise[0], group.delassus[0, 0]
-    motion = law.slide(LinkStep(*of_link, group.frictions[0], before.dt))
     return jax.tree.map(lambda y: y[None], motion)
 
 
-def _motion_without_events(group: Coupling, before: GroupStep) -> LinkMotion:
-    """Motion of links that share masses, (n,), over a step in which no slip or stick ends.
+def rise_of(before: JointState, pull: jax.Array, now: Now) -> jax.Array:
+    """The growth of a pull since the step before; none as a run starts, maybe under a load."""
+    return jnp.where(now.is_first, 0.0, pull - before.pull)
 
-    Links without friction may reverse at any time: they have the closed form of a link alone.
+
+def _motion_without_events(
+    group: Coupling, velocity: jax.Array, pull: jax.Array, rise: jax.Array, h: float
+) -> LinkMotion:
+    """Motion of joints that share masses, (n,), over a step in which no slip or stick ends.
+
+    Joints without friction may reverse at any time: they have the closed form of a joint alone.
     """
-    before = before.of_links
-    group = group._replace(frictions=group.frictions[: before.closing.size])
-    slip = jnp.sign(jax.lax.stop_gradient(before.velocity))
+    slip = jnp.sign(jax.lax.stop_gradient(velocity))
     has_friction, inverse_mass = group.frictions > 0, jnp.diagonal(group.delassus)
     friction, held = group.frictions * slip, (slip == 0) & has_friction
-    gain, _ = group.response(held, before.pull, friction)
-    bend, _ = group.response(held, before.rise, 0 * friction)
+    gain, _ = group.response(held, pull, friction)
+    bend = group.gained(held, rise)
     others = gain + inverse_mass * friction
-    step = LinkStep(before.velocity, slip, others, bend, inverse_mass, group.frictions, before.dt)
-    alone = EventResolved().slide(step)
+    alone = EventResolved().slide(
+        LinkStep(velocity, slip, others, bend, inverse_mass, group.frictions, h)
+    )
 
     def shared(free_change: jax.Array) -> jax.Array:
-        """Changes of all closings as links without friction change theirs by their own force."""
+        """Changes of all closings as joints without friction change theirs by their own force."""
         change = jnp.where(has_friction, 0.0, free_change)
         return group.response(held, 0 * change, -change / inverse_mass)[0]
 
     # What follows is zero where there is no friction, but not its derivative by the friction.
-    friction = jnp.where(has_friction, friction, alone.mean_force)
-    gain, force = group.response(held, before.pull, friction)
-    velocity_now = before.velocity + before.dt / 2 * (gain - bend / 4)
-    zero = jnp.zeros_like(before.velocity)
+    impulse = (others - (alone.velocity - velocity) / h) / inverse_mass
+    gain, force = group.response(held, pull, jnp.where(has_friction, friction, impulse))
+    velocity_now = velocity + h / 2 * (gain - bend / 4)
+    zero = jnp.zeros_like(velocity)
     moved: dict[str, Any] = {
-        "velocity": before.velocity + before.dt * gain,
+        "velocity": velocity + h * gain,
         "velocity_now": velocity_now + shared(alone.velocity_now - velocity_now),
         "jump": shared(alone.jump),
     }
     motion = LinkMotion(
         **moved,
-        mean_force=force,
         force=force,
         turns=slip > 1,
         turn_time=zero,
@@ -241,121 +142,133 @@ def _motion_without_events(group: Coupling, before: GroupStep) -> LinkMotion:
     return jax.tree.map(lambda x, y: jnp.where(has_friction, x, y), motion, alone._replace(**moved))
 
 
-def is_flow_needed(group: Coupling, before: GroupStep) -> jax.Array:
-    """Whether a group needs the local flow in a step."""
-    state, h = before.state, before.dt
-    # How far each link can close in the step at most.
-    n = len(group.resistances)
-    pushed = times(jnp.abs(group.delassus), group.frictions[:n])
-    pushed = jnp.abs(seen_by_faces(pushed, before.faces))
-    # A single link's friction opposes its slip: it adds to the closing only while the link opens.
-    if n == 1:
-        pushed = jnp.where(before.velocity < 0, pushed, 0.0)
-    most = larger(before.pull + jnp.abs(before.rise) / 2 + pushed, 0.0)
-    reach = state.closing_before + h * larger(before.velocity, 0.0) + h**2 / 2 * most
-    meets = jnp.asarray([law is not None for law in group.laws])
-    needed = (meets & ((state.contact.mode != APART) | (reach >= group.gaps))).any()
-    if n > 1:
-        needed = needed | ~_is_undisturbed(group, before)
-    return needed | group.has_resistance
-
-
-def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]:
-    """The local flow of a group where it is needed, and whether its result is used."""
-    state, h, needed = before.state, before.dt, is_flow_needed(group, before)
-    motion = state.closing_before, before.velocity, before.pull, before.rise
-    inputs = group.flow_input(motion, state.contact)
-    begin = jnp.where(before.is_first & before.at_rest, h / 2, 0.0).astype(before.velocity.dtype)
-    clock = records.Clock(before.time, begin, before.is_last)
-    result = flow(h, before.slots, needed, inputs, clock, before.faces)
-    # A single link that did not touch keeps its closed form.
-    touched = ~(result.log.touched == 0).all()  # true for NaN
-    is_shared = len(group.resistances) > 1 or group.has_resistance
-    used = needed if is_shared else needed & touched
-    return result, used
-
-
-def mean_sample_shift(
-    _: Coupling, result: FlowResult, used: jax.Array, before: GroupStep
+def is_flow_needed(
+    group: Coupling, gaps: Gaps, before: JointState, pull: jax.Array, now: Now, h: float
 ) -> jax.Array:
-    """Shifts of the closings at t_m to those that the rods take after a step with a flow."""
-    kink = result.velocity - before.velocity
-    # The first sample of a run is exact.
-    mean = jnp.where(before.is_first, before.closing, result.mean - before.dt / 24 * kink)
-    return jnp.where(used, mean - before.closing, 0.0)
+    """Whether a group needs the local flow in a step."""
+    rise = rise_of(before, pull, now)
+    # How far each gap can close in the step at most.
+    pushed = times(jnp.abs(group.delassus), group.frictions)
+    needed = jnp.asarray(group.has_resistance)
+    if gaps:
+        speed, most = at_gaps(gaps, before.velocity), at_gaps(gaps, pull)
+        pushed_gaps = jnp.stack([pushed[joint] for joint, _ in gaps])
+        # A single joint's friction opposes its slip: it adds to a closing only while that shrinks.
+        if pushed.size == 1:
+            pushed_gaps = jnp.where(speed < 0, pushed_gaps, 0.0)
+        bend = jnp.abs(at_gaps(gaps, rise)) / 2
+        most = larger(most + bend + pushed_gaps, 0.0)
+        reach = at_gaps(gaps, before.half) + h * larger(speed, 0.0) + h**2 / 2 * most
+        needed |= ((before.contact.mode != APART) | (reach >= group.sizes)).any()
+    if pushed.size > 1:
+        needed |= ~_is_undisturbed(group, before.velocity, pull, rise, h)
+    return needed
 
 
-def finish_step(
+def run_flow(
     group: Coupling,
-    before: GroupStep,
-    motion_without_flow: LinkMotion,
-    result: FlowResult,
-    used: jax.Array,
-    pull_change: jax.Array,
-) -> MovedLink:
-    """The end of a step: the closings at t_m, the state after it, and the motion in it.
+    gaps: Gaps,
+    before: JointState,
+    pull: jax.Array,
+    now: Now,
+    h: float,
+    slots: int,
+) -> tuple[FlowResult, jax.Array]:
+    """The local flow of a group where it is needed, and whether its result is used."""
+    needed = is_flow_needed(group, gaps, before, pull, now, h)
+    inputs = FlowInput(
+        before.half, before.velocity, pull, rise_of(before, pull, now), *group, before.contact
+    )
+    begin = jnp.where(now.is_first, h / 2, 0.0).astype(before.velocity.dtype)
+    clock = records.Clock(now.time, begin, now.is_last)
+    result = flow(h, slots, gaps, needed, inputs, clock)
+    # A single joint that did not touch keeps its closed form.
+    is_shared = before.closing.size > 1 or group.has_resistance
+    if not is_shared:
+        needed = needed & ~(result.gap_log.touched == 0).all()  # true for NaN
+    return result, needed
 
-    ``before`` has the pull after the mean samples, which changed it by ``pull_change``.
+
+def samples(
+    result: FlowResult, used: jax.Array, before: JointState, now: Now, h: float
+) -> tuple[jax.Array, jax.Array]:
+    """How far the mean sample, and the closing at t_m, are from the closing as predicted."""
+    mean = result.mean - h / 24 * (result.velocity - before.velocity)
+    # The first sample of a run is exact.
+    shift = jnp.where(used & ~now.is_first, mean - before.closing, 0.0)
+    return shift, jnp.where(used, result.now.closing - before.closing, 0.0)
+
+
+def after_flow(
+    group: Coupling,
+    gaps: Gaps,
+    before: JointState,
+    flow: Flow,
+    without: Moved,
+    pull: jax.Array,
+    h: float,
+) -> Moved:
+    """Joints after a step with a flow, where it is used, or ``without`` it.
+
+    The pull after the mean samples differs from that of the flow.
     """
-    h, at, log = before.dt, result.now, result.log
-    n, faces = len(group.resistances), before.faces
-    gain = group.gained(faces, result.held > 0, pull_change)
+    result, at, log, change = flow.result, flow.result.now, flow.result.joint_log, pull - flow.pull
+    gain, gain_now = (group.gained(held > 0, change) for held in (result.held, at.held))
     # No position correction while a contact force acts: the force would respond to it.
-    pressed = of_either_face(result.contact.mode == PRESSED, faces)
-    shift = jnp.where(pressed, 0.0, h**2 / 2 * gain)
-    velocity, closing_after = result.velocity + h * gain, result.closing + shift
-    after = closing_after + h / 2 * velocity + h**2 / 8 * (result.acceleration + gain)
-    gain_now = group.gained(faces, at.held > 0, pull_change)
-    pressed_now = of_either_face(at.contact_force != 0, faces)
-    shift_now = jnp.where(pressed_now, 0.0, h**2 / 8 * gain_now)
-    closing_now = at.closing + shift_now
-    kick = before.pull - (velocity - before.velocity) / h
-    motion_of_flow = LinkMotion(
+    pressed = at_joints(gaps, result.contact.mode == PRESSED, before.closing.size)
+    pressed_now = at_joints(gaps, at.contact_force != 0, before.closing.size)
+    half = result.closing + jnp.where(pressed, 0.0, h**2 / 2 * gain)
+    closing_now = at.closing + jnp.where(pressed_now, 0.0, h**2 / 8 * gain_now)
+    velocity, turned = result.velocity + h * gain, log.turns > 0
+    closing = half + h / 2 * velocity + h**2 / 8 * (result.acceleration + gain)
+    phase = jnp.where(result.held > 0, 0.0, jnp.sign(velocity))
+    motion = LinkMotion(
         velocity=velocity,
-        mean_force=_of_links_alone(times(forces.inverse_of(group.delassus), kick[:n]), faces),
         force=at.friction,
         velocity_now=at.velocity + h / 2 * gain_now,
-        jump=after - before.closing - h * velocity,
-        turns=log.turns > 0,
+        jump=closing - before.closing - h * velocity,
+        turns=turned,
         turn_time=log.farthest_time,
-        turn=jnp.where(log.turns > 0, log.farthest - closing_now, 0.0),
+        turn=jnp.where(turned, log.farthest - closing_now, 0.0),
         turn_forces=(at.friction, at.friction),
-        phase=jnp.where(result.held > 0, 0.0, jnp.sign(velocity)),
+        phase=phase,
         change_time=log.change_time,
     )
-    after_flow = MovedLink(closing_now, ContactState(closing_after, result.contact), motion_of_flow)
-    after_none = finish_without_flow(group, before, motion_without_flow)
-    moved = jax.tree.map(lambda a, b: jnp.where(used, a, b), after_flow, after_none)
-    seen = ContactMotion(jnp.broadcast_to(used, closing_after.shape), result)
-    return moved._replace(motion=moved.motion._replace(contact=seen))
+    turns = Turns(
+        turned, log.first_turn, log.last_turn, log.between, log.farthest, log.farthest_time
+    )
+    state = JointState(closing, velocity, phase, pull, half, result.contact)
+    moved = Moved(closing_now, state, motion, turns)
+    return jax.tree.map(lambda a, b: jnp.where(flow.used, a, b), moved, without)
 
 
-def finish_without_flow(group: Coupling, before: GroupStep, motion: LinkMotion) -> MovedLink:
-    """The end of a step without flow, as that of ``finish_step``."""
-    n, h = len(group.resistances), before.dt
-    next_closing = before.closing + h * motion.velocity + motion.jump
+def after_none(
+    group: Coupling, before: JointState, pull: jax.Array, motion: LinkMotion, now: Now, h: float
+) -> Moved:
+    """Joints after a step without flow."""
+    closing = before.closing + h * motion.velocity + motion.jump
     held = (motion.phase == 0) & (group.frictions > 0)
-    friction = group.frictions * motion.phase
-    gain, _ = group.response(held[:n], (before.pull + before.rise / 2)[:n], friction[:n])
-    gain = seen_by_faces(gain, before.faces)
+    rise = rise_of(before, pull, now)
+    gain, _ = group.response(held, pull + rise / 2, group.frictions * motion.phase)
     # From the closings at t_{m+1} those at the end of the kick.
-    closing_after = next_closing - h / 2 * motion.velocity - h**2 / 8 * gain
-    return MovedLink(before.closing, before.state._replace(closing_before=closing_after), motion)
+    half = closing - h / 2 * motion.velocity - h**2 / 8 * gain
+    state = JointState(closing, motion.velocity, motion.phase, pull, half, before.contact)
+    return Moved.of(before.closing, state, motion)
 
 
-def _is_undisturbed(group: Coupling, before: GroupStep) -> jax.Array:
+def _is_undisturbed(
+    group: Coupling, velocity: jax.Array, pull: jax.Array, rise: jax.Array, h: float
+) -> jax.Array:
     """Whether no slip or stick ends in a step without contact."""
-    before = before.of_links
-    slip, h = jnp.sign(before.velocity), before.dt
-    frictions = group.frictions[: slip.size]
+    slip, frictions = jnp.sign(velocity), group.frictions
     has_friction = frictions > 0
     friction, held = frictions * slip, (slip == 0) & has_friction
-    first, first_forces = group.response(held, before.pull - before.rise / 2, friction)
-    last, last_forces = group.response(held, before.pull + before.rise / 2, friction)
+    first, first_forces = group.response(held, pull - rise / 2, friction)
+    last, last_forces = group.response(held, pull + rise / 2, friction)
     # The speed along the slip is a parabola.
-    first, last, speed = slip * first, slip * last, jnp.abs(before.velocity)
+    first, last, speed = slip * first, slip * last, jnp.abs(velocity)
     dips = (first < 0) & (last > 0)
     lowest = speed - h * first**2 / (2 * jnp.where(dips, last - first, 1.0))
     keeps = (speed + h * (first + last) / 2 > 0) & (~dips | (lowest > 0))
-    forces = larger(jnp.abs(first_forces), jnp.abs(last_forces))
-    return jnp.where(held, forces <= frictions, keeps | ~has_friction).all()
+    needed = larger(jnp.abs(first_forces), jnp.abs(last_forces))
+    return jnp.where(held, needed <= frictions, keeps | ~has_friction).all()

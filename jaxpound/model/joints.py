@@ -1,0 +1,61 @@
+"""Joints: each has one closing, with friction and an inerter, and the gaps of one link or two.
+
+A link is a joint; the other face of a link (``topology.faces``) is a further gap of its joint, on
+the other side, which sees the closing with the opposite sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from jaxpound.model.ends import WeightedEnds, weighted
+from jaxpound.model.topology import faces
+
+if TYPE_CHECKING:
+    from jaxpound.model.system import System
+
+
+class Face(NamedTuple):
+    """A link as one side of a joint: its gap closes as the joint's closing grows (1) or falls."""
+
+    link: int
+    side: int
+
+
+class Joint(NamedTuple):
+    """Masses between which something slides, and the links that it is."""
+
+    ends: WeightedEnds
+    faces: tuple[Face, ...]
+
+    @property
+    def link(self) -> int:
+        """The link that has its friction and its inerter."""
+        return self.faces[0].link
+
+
+def joints(system: System) -> tuple[Joint, ...]:
+    """The joints of a system, in the order of their links."""
+    opposite = {first: other for other, first in faces(system.topology).items()}
+    return tuple(
+        Joint(
+            weighted(link.ends),
+            (Face(k, 1), *([Face(opposite[k], -1)] if k in opposite else [])),
+        )
+        for k, link in enumerate(system.links)
+        if k not in opposite.values()
+    )
+
+
+def groups(all_joints: Sequence[Joint]) -> list[tuple[Joint, ...]]:
+    """Joints that share masses, directly or through others, in the order of the first of each."""
+    kept: list[tuple[Joint, ...]] = []
+    for joint in all_joints:
+        masses = {mass for mass, _ in joint.ends}
+        meets = [g for g in kept if any(masses & {i for i, _ in other.ends} for other in g)]
+        joined = (*(other for group in meets for other in group), joint)
+        place = kept.index(meets[0]) if meets else len(kept)
+        kept = [group for group in kept if group not in meets]
+        kept.insert(place, joined)
+    return kept

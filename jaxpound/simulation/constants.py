@@ -1,0 +1,177 @@
+"""Constants of a run, as its steps use them, and the state in which it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+
+from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
+from jaxpound.model.joints import Joint, groups, joints
+from jaxpound.model.system import System
+from jaxpound.simulation.contact.coupled import Coupled, coupled, may_need_flow
+from jaxpound.simulation.contact.records import Contact
+from jaxpound.simulation.friction import FrictionLaw
+from jaxpound.simulation.rods.law import RodLaw
+from jaxpound.simulation.rods.laws import law_of
+from jaxpound.simulation.sliding import Sliding
+from jaxpound.simulation.state import RunState
+
+FEW_RODS = 8  # beyond, batches have no shortcut, and peaks and laws are arrays: it compiles sooner
+WRITTEN_OUT = 4
+
+
+def has_flows(system: System) -> bool:
+    """Whether steps of a system may need local flows of its joints."""
+    return any(may_need_flow(group, system) for group in groups(joints(system)))
+
+
+class JointGroup(NamedTuple):
+    """Joints that share masses, and where they are among the constants of a run."""
+
+    kind: int  # which of the ``joints`` of ``StepConstants`` they belong to
+    first: int  # number of the first of them among the joints of that kind
+    number: int  # of the group among those of that kind
+    joints: tuple[Joint, ...]
+    shares: dict[int, Any]  # by mass its motion with each closing, the centre of mass at rest
+
+
+class StepConstants(NamedTuple):
+    """Constants of a run, as its steps use them."""
+
+    masses: tuple[jax.Array, ...]
+    influence: tuple[Any, ...]  # ι by mass: the share of the ground's motion that it has
+    rods: tuple[RodLaw, ...]
+    rod_ends: tuple[WeightedEnds, ...]
+    joints: tuple[Sliding | Coupled, ...]
+    friction: FrictionLaw  # of joints that share no mass with others
+    dt: float
+    slots: int  # impacts recorded for each gap in one step
+    starts_at_rest: bool
+
+    @staticmethod
+    def of(
+        system: System,
+        friction: FrictionLaw,
+        dt: float,
+        order: int,
+        slots: int = 0,
+        x: Sequence[jax.Array] | None = None,
+    ) -> StepConstants:
+        """Those of a run with steps of ``dt`` and rods of an ``order`` of accuracy.
+
+        Masses displaced by x at the start relax the rods there.
+        """
+        masses, influence = system.masses, (1.0,) * len(system.masses)
+        rod_ends = tuple(weighted(rod.ends) for rod in system.rods)
+        rods = tuple(
+            law_of(rod, dt, order, None if x is None else along(ends, x))
+            for rod, ends in zip(system.rods, rod_ends, strict=True)
+        )
+        alone, shared = list[Sliding](), list[tuple[Joint, ...]]()
+        for group in groups(joints(system)):
+            if may_need_flow(group, system):
+                shared.append(group)
+            else:
+                alone.append(Sliding.of(group[0], system, masses, influence))
+        kinds = (*alone, *coupled(shared, system, masses, influence))
+        return StepConstants(
+            masses, influence, rods, rod_ends, kinds, friction, dt, slots, x is None
+        )
+
+    def start(
+        self, zero: jax.Array, x: Sequence[jax.Array] | None, v: Sequence[jax.Array] | None
+    ) -> RunState:
+        """The state at t = 0: at rest, or of masses displaced by x that move with v."""
+        x, v = ((zero,) * len(self.masses) if y is None else tuple(y) for y in (x, v))
+        rods = tuple(
+            law.start(along(ends, x), self.dt * along(ends, v))
+            for law, ends in zip(self.rods, self.rod_ends, strict=True)
+        )
+        return RunState(x, v, rods, tuple(kind.start(zero, x, v) for kind in self.joints))
+
+    def free_accelerations(self, forces: Sequence[jax.Array]) -> list[Any]:
+        """Accelerations of the masses by the forces of rods, but for that of the ground."""
+        # As quotients XLA computes them once; it computes products again for each use.
+        return [
+            load_on(number, self.rod_ends, forces) / mass for number, mass in enumerate(self.masses)
+        ]
+
+    def follow(self, y: Sequence[Any], of_joints: Sequence[Any]) -> tuple[Any, ...]:
+        """Motions of masses with M⁻¹ Cᵀ G⁻¹ times what is missing: their ends move as joints do."""
+        moved = list(y)
+        for kind, value in zip(self.joints, of_joints, strict=True):
+            kind.follow(moved, value - kind.along(moved))
+        return tuple(moved)
+
+    @property
+    def with_ground(self) -> tuple[Any, ...]:
+        """By mass the share of the ground's motion that it has where its joints do not move."""
+        return self.follow(self.influence, [0.0] * len(self.joints))
+
+    @property
+    def groups(self) -> list[JointGroup]:
+        """All groups of joints that share masses."""
+        found = []
+        for number, kind in enumerate(self.joints):
+            first = 0
+            for n, (of_group, shares) in enumerate(kind.groups):
+                found.append(JointGroup(number, first, n, tuple(of_group), shares))
+                first += len(of_group)
+        return found
+
+    @property
+    def has_flows(self) -> bool:
+        """Whether a step may need a local flow."""
+        return any(isinstance(kind, Coupled) for kind in self.joints)
+
+    @property
+    def yield_displacements(self) -> tuple[Any, ...]:
+        """Elongations where the rods yield first; None of one that never does."""
+        return tuple(rod.yield_displacement for rod in self.rods)
+
+    @property
+    def yields(self) -> bool:
+        """Whether rods yield."""
+        return any(x is not None for x in self.yield_displacements)
+
+    @property
+    def is_long(self):
+        return self.has_flows or len(self.rods) > WRITTEN_OUT or self.has_long_laws
+
+    @property
+    def has_shortcut(self):
+        always = any(k.coupling.has_resistance for k in self.joints if isinstance(k, Coupled))
+        is_short = self.has_flows and len(self.rods) <= FEW_RODS
+        return is_short and not always and jax.default_backend() == "cpu"
+
+    @property
+    def has_many_peaks(self):
+        return self.has_flows and len(self.rods) > FEW_RODS
+
+    @property
+    def has_long_laws(self):
+        return any(rod.is_long for rod in self.rods)
+
+    @property
+    def has_laws_in_arrays(self):
+        return len(self.rods) > FEW_RODS and self.has_long_laws
+
+    @property
+    def block(self):
+        if self.is_long:
+            return "loop"
+        return "recomputed" if self.yields else "written out"
+
+
+def contacts(
+    system: StepConstants, state: RunState, n_links: int
+) -> tuple[Contact | None, ...]:
+    """The contact of each link; None of one without a law of contact."""
+    by_link = {}
+    for kind, joint in zip(system.joints, state.joints, strict=True):
+        if isinstance(kind, Coupled):
+            by_link |= kind.contacts(joint)
+    return tuple(map(by_link.get, range(n_links)))
+

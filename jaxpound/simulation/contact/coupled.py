@@ -1,0 +1,303 @@
+"""Groups of joints that may need the local flow, those of the same shape in one program.
+
+Such are joints between the floors of two buildings, with contact laws of one class. A step of a
+group takes seconds to compile, here once instead of for every group; at run time it is as fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.ad_checkpoint import checkpoint_name
+
+from jaxpound.model.contact import with_mass
+from jaxpound.model.ends import along
+from jaxpound.model.joints import Joint
+from jaxpound.model.system import System
+from jaxpound.simulation.alike import by_kind, stacked, unstacked
+from jaxpound.simulation.contact import group as functions
+from jaxpound.simulation.contact.forces import inverse_of, times
+from jaxpound.simulation.contact.group import Coupling, Flow, Gaps
+from jaxpound.simulation.contact.records import Contact, FlowResult
+from jaxpound.simulation.friction import FrictionLaw
+from jaxpound.simulation.state import (
+    GapStep,
+    Inertia,
+    JointState,
+    Jump,
+    LinkInstant,
+    Moved,
+    Now,
+    SeenJoints,
+    link_instants,
+)
+
+FLOW = "local flow"  # name of its results, which reverse mode keeps where it computes steps anew
+
+
+class Inerters(NamedTuple):
+    """Inerters of n joints: s'' = (1 + G b)⁻¹ (a − G q), the law without them with other numbers.
+
+    Joints have s'' = a − G (q + b s''), with the relative accelerations a of their ends without
+    them, their forces q and G = C M⁻¹ Cᵀ.
+    """
+
+    inertances: jax.Array  # b (n,), 0 without
+    reduction: jax.Array  # (1 + G b)⁻¹, (n, n)
+
+
+class Group(NamedTuple):
+    """Joints that share masses."""
+
+    joints: tuple[Joint, ...]
+    shares: dict[int, jax.Array]  # by mass its row, (n,), of M⁻¹ Cᵀ G⁻¹
+    influence: tuple[Any, ...]  # by joint Σ weight × ι
+    has_inerter: tuple[bool, ...]  # by joint
+
+
+class Coupled(NamedTuple):
+    """Groups of one shape, of n joints and g gaps; several have arrays with a leading axis."""
+
+    of: tuple[Group, ...]
+    gaps: Gaps  # the same of all
+    links: tuple[tuple[int, ...], ...]  # of the gaps, by group
+    coupling: Coupling
+    inerters: Inerters | None
+
+    @property
+    def groups(self) -> list[tuple[list[Joint], dict[int, Any]]]:
+        """The joints of each group, and how its masses share their motions."""
+        return [([*group.joints], group.shares) for group in self.of]
+
+    @property
+    def has_inerters(self) -> bool:
+        """Whether any joint has an inerter."""
+        return self.inerters is not None
+
+    def _map(self, function: Callable[..., Any], *values: Any) -> Any:
+        """A function of the numbers of a group, of each group."""
+        return jax.vmap(function)(*values) if len(self.of) > 1 else function(*values)
+
+    def _array(self, by_joint: Sequence[Any]) -> jax.Array:
+        """Numbers of all joints as one array."""
+        flat, several = jnp.stack(by_joint), len(self.of)
+        return flat.reshape(several, -1) if several > 1 else flat
+
+    def _by_group(self, tree: Any) -> list[Any]:
+        return unstacked(tree) if len(self.of) > 1 else [tree]
+
+    def start(self, zero: jax.Array, x: Sequence[Any], v: Sequence[Any]) -> JointState:
+        """Their state at the start of a run."""
+        closing, velocity = (self.along([zero + z for z in y]) for y in (x, v))
+        rest, shape = 0 * closing, (*closing.shape[:-1], len(self.gaps))
+        apart = Contact(*(jnp.broadcast_to(zero, shape),) * len(Contact._fields))
+        return JointState(closing, velocity, jax.lax.stop_gradient(rest), rest, closing, apart)
+
+    def along(self, y: Sequence[Any]) -> jax.Array:
+        """Their closings, or velocities or accelerations of these, from those of the masses."""
+        joints = (joint for group in self.of for joint in group.joints)
+        return self._array([along(joint.ends, y) for joint in joints])
+
+    def pull(self, free: Sequence[Any], ground: jax.Array) -> jax.Array:
+        """A, their relative accelerations without joints, from loads on the masses over these."""
+        influence = [iota for group in self.of for iota in group.influence]
+        pull = self.along(free)
+        if any(not isinstance(iota, int | float) or iota for iota in influence):
+            driven = self._array([ground * iota for iota in influence])
+            pull = pull - driven
+        return pull if self.inerters is None else self._map(times, self.inerters.reduction, pull)
+
+    def follow(self, y: list[Any], missing: Any) -> None:
+        """Add to motions of masses what makes their ends move by missing closings more."""
+        for group, closings in zip(self.of, self._by_group(missing), strict=True):
+            for mass, share in group.shares.items():
+                y[mass] = y[mass] + (share * closings).sum()
+
+    def flow(self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int) -> Flow:
+        """The joints after their local flow."""
+
+        def run(coupling: Coupling, before: JointState, pull: jax.Array) -> Any:
+            return functions.run_flow(coupling, self.gaps, before, pull, now, h, slots)
+
+        def samples(result: FlowResult, used: jax.Array, before: JointState) -> Any:
+            return functions.samples(result, used, before, now, h)
+
+        result, used = checkpoint_name(self._map(run, self.coupling, before, pull), FLOW)
+        return Flow(pull, result, used, *self._map(samples, result, used, before))
+
+    def needs_flow(self, before: JointState, pull: jax.Array, now: Now, h: float) -> jax.Array:
+        """Whether any group needs its local flow."""
+
+        def needs(coupling: Coupling, before: JointState, pull: jax.Array) -> jax.Array:
+            return functions.is_flow_needed(coupling, self.gaps, before, pull, now, h)
+
+        return jnp.ravel(self._map(needs, self.coupling, before, pull)).any()
+
+    def after(
+        self,
+        before: JointState,
+        flow: Flow | None,
+        pull: jax.Array,
+        now: Now,
+        law: FrictionLaw,
+        h: float,
+    ) -> Moved:
+        """The joints after a step."""
+
+        def finish(coupling: Coupling, before: JointState, pull: jax.Array, *flow: Flow) -> Moved:
+            motion = functions.motion_without_flow(coupling, before, pull, now, law, h)
+            moved = functions.after_none(coupling, before, pull, motion, now, h)
+            if not flow:
+                return moved
+            return functions.after_flow(coupling, self.gaps, before, *flow, moved, pull, h)
+
+        flows = [] if flow is None else [flow]
+        return self._map(finish, self.coupling, before, pull, *flows)
+
+    def seen(self, moved: Moved, flow: Flow | None, inertia: Inertia) -> SeenJoints:
+        """The joints as they are observed."""
+        flows = [None] * len(self.of) if flow is None else self._by_group(flow)
+        of_groups = zip(self.links, self._by_group(moved), flows, strict=True)
+        groups = [_SeenGroup.of(self.gaps, *of_group) for of_group in of_groups]
+        forces = tuple(force for group in groups for force in group.forces)
+        inert, number, links = inertia(forces), 0, dict[int, LinkInstant]()
+        for group, seen in zip(self.of, groups, strict=True):
+            for joint, joint_moved, jumps in zip(group.joints, seen.moved, seen.jumped, strict=True):
+                links |= link_instants(joint, joint_moved, jumps, inert.get(number), seen.gaps)
+                number += 1
+        return SeenJoints(forces, links, tuple(seen.jumps for seen in groups))
+
+    def contacts(self, state: JointState) -> dict[int, Contact]:
+        """The contact of each link that has a law of it."""
+        by_gap: dict[int, Contact] = {}
+        if self.gaps:
+            for links, contact in zip(self.links, self._by_group(state.contact), strict=True):
+                by_gap |= zip(links, unstacked(contact), strict=True)
+        return by_gap
+
+    def inertia(
+        self, free: Sequence[Any], ground: jax.Array, forces: Sequence[Any]
+    ) -> dict[int, jax.Array]:
+        """The forces of inerters, by joint, beside other forces in the joints."""
+        if self.inerters is None:
+            return {}
+        others = self._map(times, self.coupling.delassus, self._array(forces))
+        inert = self.inerters.inertances * (self.pull(free, ground) - others)
+        has_inerter = [has for group in self.of for has in group.has_inerter]
+        return {k: force for k, force in enumerate(inert.ravel()) if has_inerter[k]}
+
+
+class _SeenGroup(NamedTuple):
+    """Joints that share masses as they are observed; of each joint in order."""
+
+    moved: list[Moved]
+    forces: list[jax.Array]  # of friction and contact
+    jumped: list[Any]  # whether forces of its gaps have jumped in a flow
+    gaps: dict[int, GapStep]  # by link
+    jumps: tuple[Jump, ...]
+
+    @staticmethod
+    def of(gaps: Gaps, links: Sequence[int], moved: Moved, flow: Flow | None) -> _SeenGroup:
+        joints = unstacked(moved)
+        forces, jumped = [joint.motion.force for joint in joints], [False] * len(joints)
+        used, steps, highest = False, dict[int, GapStep](), list[Jump]()
+        if flow is not None:
+            used, result, log = flow.used, flow.result, flow.result.gap_log
+            at = result.now
+            steps = [] if not gaps else unstacked(GapStep(at.contact_force, at.stored, result.stored, at.lost, result.lost, log))
+            for (joint, side), step in zip(gaps, steps, strict=True):
+                forces[joint] = forces[joint] + side * step.force
+                jumped[joint] = jumped[joint] | (used & (step.log.highest_time != 0))
+            for step in steps:
+                hit = step.log.highest > 0
+                highest.append(
+                    Jump(
+                        jnp.where(hit, step.log.highest_time, 0.0),
+                        [jnp.where(hit, step.log.highest_forces[k], force) for k, force in enumerate(forces)],
+                    )
+                )
+        jumps = []
+        for k, joint in enumerate(joints):
+            turns = joint.motion.turns & ~used
+            late = jnp.where(turns, joint.motion.turn_time, 0.0)
+            for force in joint.motion.turn_forces:
+                jumps.append(Jump(late, [jnp.where(turns, force, f) if i == k else f for i, f in enumerate(forces)]))
+        return _SeenGroup(joints, forces, jumped, dict(zip(links, steps, strict=False)), (*jumps, *highest))
+
+
+def may_need_flow(joints: Sequence[Joint], system: System) -> bool:
+    """Whether steps of joints that share masses may need the local flow."""
+    links = [system.links[link] for joint in joints for link, _ in joint.faces]
+    return len(joints) > 1 or any(link.contact or link.velocity_friction for link in links)
+
+
+def coupled(
+    groups: Sequence[Sequence[Joint]],
+    system: System,
+    masses: Sequence[jax.Array],
+    influence: Sequence[Any],
+) -> list[Coupled]:
+    """Groups of joints of a system, those together whose constants have the same shapes."""
+    alone = [_coupled(joints, system, masses, influence) for joints in groups]
+    # As keys, since values of numbers are not compared.
+    kinds = by_kind([{kind.gaps: (kind.coupling, kind.inerters)} for kind in alone])
+    together = []
+    for numbers in kinds:
+        same = [alone[n] for n in numbers]
+        constants = same[0].coupling, same[0].inerters
+        if len(same) > 1:
+            constants = stacked([(kind.coupling, kind.inerters) for kind in same])
+        of = tuple(group for kind in same for group in kind.of)
+        links = tuple(links for kind in same for links in kind.links)
+        together.append(Coupled(of, same[0].gaps, links, *constants))
+    return together
+
+
+def _coupled(
+    joints: Sequence[Joint],
+    system: System,
+    masses: Sequence[jax.Array],
+    influence: Sequence[Any],
+) -> Coupled:
+    """One group of joints of a system."""
+    links, dtype = [system.links[joint.link] for joint in joints], masses[0].dtype
+    numbers = sorted({mass for joint in joints for mass, _ in joint.ends})
+    weights = {
+        mass: jnp.stack([jnp.asarray(dict(joint.ends).get(mass, 0.0), dtype) for joint in joints])
+        for mass in numbers
+    }
+    parts = [jnp.outer(row, row) / masses[mass] for mass, row in weights.items()]
+    delassus = sum(parts[1:], parts[0])
+    inverse = inverse_of(delassus)
+    shares = {mass: (row @ inverse) / masses[mass] for mass, row in weights.items()}
+    has_inerter = tuple(link.inerter is not None for link in links)
+    driven = tuple(along(joint.ends, influence) for joint in joints)
+    group, inerters = Group(tuple(joints), shares, driven, has_inerter), None
+    if any(has_inerter):
+        b = [0.0 if link.inerter is None else link.inerter.inertance for link in links]
+        inertances = jnp.stack([jnp.asarray(x, dtype) for x in b])
+        reduction = inverse_of(jnp.eye(len(joints), dtype=dtype) + delassus * inertances[None])
+        delassus = reduction @ delassus
+        inerters = Inerters(inertances, reduction)
+    gaps = [
+        (number, side, link)
+        for number, joint in enumerate(joints)
+        for link, side in joint.faces
+        if system.links[link].contact is not None
+    ]
+    laws = tuple(
+        with_mass(system.links[link].contact, 1 / delassus[n, n]) for n, _, link in gaps
+    )
+    sizes = [system.links[link].gap for _, _, link in gaps]
+    coupling = Coupling(
+        delassus=delassus,
+        frictions=jnp.stack([link.friction for link in links]),
+        resistances=tuple(link.velocity_friction for link in links),
+        sizes=jnp.stack(sizes) if sizes else jnp.zeros((0,), dtype),
+        laws=laws,
+    )
+    sides = tuple((n, side) for n, side, _ in gaps)
+    return Coupled((group,), sides, (tuple(link for *_, link in gaps),), coupling, inerters)

@@ -1,0 +1,128 @@
+"""Joints that share no mass with others and have no law of contact: they move in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxpound.model.ends import along, mobility
+from jaxpound.model.joints import Joint
+from jaxpound.model.system import System
+from jaxpound.simulation.friction import FrictionLaw, LinkStep
+from jaxpound.simulation.state import (
+    Inertia,
+    JointState,
+    Jump,
+    Moved,
+    Now,
+    SeenJoints,
+    link_instants,
+)
+
+
+class Sliding(NamedTuple):
+    """The constants of such a joint."""
+
+    joint: Joint
+    mobility: jax.Array  # R, the relative acceleration of its ends under a unit force in it
+    friction: jax.Array
+    shares: dict[int, jax.Array]  # by mass its motion with the closing, the centre of mass at rest
+    influence: Any  # Σ weight × ι, by which the ground's acceleration pulls at it
+    inertance: jax.Array | None
+    reduction: jax.Array | None  # 1/(1 + R b): the effect of the inerter on pull and mobility
+
+    @staticmethod
+    def of(
+        joint: Joint, system: System, masses: Sequence[jax.Array], influence: Sequence[Any]
+    ) -> Sliding:
+        """Those of a joint of a system."""
+        link, ends = system.links[joint.link], joint.ends
+        response = mobility(ends, masses)
+        shares = {mass: weight / masses[mass] / response for mass, weight in ends}
+        inertance = reduction = None
+        if link.inerter is not None:
+            inertance = link.inerter.inertance
+            reduction = 1 / (1 + response * inertance)
+            response = reduction * response
+        driven = along(ends, influence)
+        return Sliding(joint, response, link.friction, shares, driven, inertance, reduction)
+
+    @property
+    def groups(self) -> list[tuple[list[Joint], dict[int, Any]]]:
+        """The joint, and how its masses share its motion."""
+        return [([self.joint], self.shares)]
+
+    @property
+    def has_inerters(self) -> bool:
+        """Whether it has an inerter."""
+        return self.inertance is not None
+
+    def start(self, zero: jax.Array, x: Sequence[Any], v: Sequence[Any]) -> JointState:
+        """Its state at the start of a run."""
+        closing, velocity = zero + self.along(x), zero + self.along(v)
+        return JointState(closing, velocity, jax.lax.stop_gradient(zero), zero)
+
+    def along(self, y: Sequence[Any]) -> Any:
+        """Its closing, or a velocity or an acceleration of it, from those of the masses."""
+        return along(self.joint.ends, y)
+
+    def pull(self, free: Sequence[Any], ground: jax.Array) -> Any:
+        """A, its relative acceleration without joints, from loads on the masses over these."""
+        pull = less_ground(self.along(free), self.influence, ground)
+        return pull if self.reduction is None else self.reduction * pull
+
+    def follow(self, y: list[Any], missing: Any) -> None:
+        """Add to motions of masses what makes its ends move by a missing closing more."""
+        for mass, share in self.shares.items():
+            y[mass] = y[mass] + share * missing
+
+    def flow(self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int) -> None:
+        """It needs none."""
+
+    def after(
+        self,
+        before: JointState,
+        flow: None,
+        pull: jax.Array,
+        now: Now,
+        law: FrictionLaw,
+        h: float,
+    ) -> Moved:
+        """The joint after a step: slip until θ, stick until φ, slip."""
+        rise = jnp.where(now.is_first, 0.0, pull - before.pull)
+        # Half a step is a whole one with half the pull and half the mobility.
+        pushed, mobility = now.kick * pull, now.kick * self.mobility
+        motion = law.slide(
+            LinkStep(before.velocity, before.phase, pushed, rise, mobility, self.friction, h)
+        )
+        closing = before.closing + h * motion.velocity + motion.jump
+        state = JointState(closing, motion.velocity, motion.phase, pull)
+        return Moved.by(motion, before.closing, state)
+
+    def seen(self, moved: Moved, flow: None, inertia: Inertia) -> SeenJoints:
+        """The joint as it is observed; its force may jump where it turns."""
+        motion = moved.motion
+        late = jnp.where(motion.turns, motion.turn_time, 0.0)
+        jumps = tuple(
+            Jump(late, (jnp.where(motion.turns, force, motion.force),))
+            for force in motion.turn_forces
+        )
+        forces = (motion.force,)
+        links = link_instants(self.joint, moved, False, inertia(forces).get(0), {})
+        return SeenJoints(forces, links, (jumps,))
+
+    def inertia(
+        self, free: Sequence[Any], ground: jax.Array, forces: Sequence[Any]
+    ) -> dict[int, jax.Array]:
+        """The force of its inerter beside other forces in it; empty without one."""
+        if self.inertance is None:
+            return {}
+        return {0: self.inertance * (self.pull(free, ground) - self.mobility * forces[0])}
+
+
+def less_ground(pull: Any, influence: Any, ground: jax.Array) -> Any:
+    """A pull with the acceleration of the ground, which drops out where all ends move with it."""
+    return pull if isinstance(influence, int | float) and not influence else pull - influence * ground

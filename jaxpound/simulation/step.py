@@ -1,0 +1,180 @@
+"""One step of a system, from t_m to t_{m+1}, in the order of the page on the numerics.
+
+    M x'' = −Bᵀ f − Cᵀ (q + p) − M ι u''        rods f(e), e = B x;   joints q(s'), p(s, s'), s = C x
+
+Rods have forces f, joints friction q and contact forces p. Kick and drift: velocities live half a
+step before displacements, v_{m+1/2} = v_{m−1/2} + h a_m and x_{m+1} = x_m + h v_{m+1/2}, the central
+difference of the paper's eqs. (10) and (12) without its cancellation. Every mass moves freely; a
+joint has a closing and a velocity of its own, so that stick is exact, and its masses follow it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxpound.model.ends import along, load_on
+from jaxpound.simulation.alike import map_alike
+from jaxpound.simulation.constants import StepConstants
+from jaxpound.simulation.rods.law import RodLaw, RodStep
+from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState
+
+
+def step(
+    system: StepConstants, before: RunState, sums: Sequence[Any], now: Now, with_flows: bool
+) -> tuple[RunState, list[Any], Instant]:
+    """One step: the state at t_{m+1}, each rod's c_m for its history, and the instant t_m.
+
+    ``sums`` are the history sums S_m of the rods that have a memory. A step without flows is right
+    where no joint needs one.
+    """
+    h = system.dt
+
+    # The rods at t_m. What pulls at joints is their relative acceleration without them.
+    rods = rods_at(system, before, sums, now)
+    free = system.free_accelerations([rod.kick for rod in rods])
+    pulls = [kind.pull(free, now.mean_ground) for kind in system.joints]
+
+    # Joints from t_m − h/2 to t_m + h/2. Rods take the mean sample of a flow, which changes the
+    # pull.
+    flows = [None] * len(pulls)
+    if with_flows:
+        joints = zip(system.joints, before.joints, pulls, strict=True)
+        flows = [kind.flow(y, pull, now, h, system.slots) for kind, y, pull in joints]
+    if any(flow is not None for flow in flows):
+        rods = with_mean_samples(system, before, sums, now, rods, flows)
+        free = system.free_accelerations([rod.kick for rod in rods])
+        pulls = [kind.pull(free, now.mean_ground) for kind in system.joints]
+    joints = zip(system.joints, before.joints, flows, pulls, strict=True)
+    moved = [
+        of_first_step(system, y, kind.after(y, flow, pull, now, system.friction, h), now)
+        for kind, y, flow, pull in joints
+    ]
+
+    # Kick and drift of the masses, which follow their joints.
+    a = [a - iota * now.mean_ground for a, iota in zip(free, system.influence, strict=True)]
+    kicked = [v + now.kick * h * a for v, a in zip(before.v, a, strict=True)]
+    v = system.follow(kicked, [y.state.velocity for y in moved])
+    drifted = [x + h * v for x, v in zip(before.x, v, strict=True)]
+    x = system.follow(drifted, [y.state.closing for y in moved])
+
+    of_rods, of_joints = tuple(rod.state for rod in rods), tuple(y.state for y in moved)
+    after = RunState(x, v, of_rods, of_joints)
+    remembered = [rod.remembered for rod in rods if rod.remembered is not None]
+    needs_flow = None
+    if not with_flows:
+        joints = zip(system.joints, before.joints, pulls, strict=True)
+        needs_flow = jnp.stack([kind.needs_flow(*y, now, h) for kind, *y in joints]).any()
+    instant = observed(system, before, after, rods, moved, flows, now, needs_flow)
+    return after, remembered, instant
+
+
+def rods_at(
+    system: StepConstants,
+    before: RunState,
+    sums: Sequence[Any],
+    now: Now,
+    shifts: dict[int, tuple[Any, Any]] | None = None,
+) -> list[RodStep]:
+    """The rods at t_m; or those whose elongations are shifted, at t_m and in their mean."""
+    remaining, arguments = iter(sums), list[tuple[Any, ...]]()
+    for number, (law, state) in enumerate(zip(system.rods, before.rods, strict=True)):
+        total = None if law.order is None else next(remaining)
+        elongation = along(system.rod_ends[number], before.x)
+        if shifts is None:
+            arguments.append((law, state, elongation, total))
+        elif number in shifts:
+            to_now, to_mean = shifts[number]
+            arguments.append((law, state, elongation + to_now, total, elongation + to_mean))
+    is_first = None if system.starts_at_rest else now.is_first
+
+    def at(law: RodLaw, state: Any, elongation: Any, total: Any, *mean: Any) -> RodStep:
+        return law.step(state, elongation, total, is_first, *mean)
+
+    return map_alike(at, arguments, system.has_laws_in_arrays)
+
+
+def with_mean_samples(
+    system: StepConstants,
+    before: RunState,
+    sums: Sequence[Any],
+    now: Now,
+    rods: list[RodStep],
+    flows: Sequence[Any],
+) -> list[RodStep]:
+    """The rods at t_m with the mean sample of a path that flows have kinked."""
+
+    def stretched(name: str) -> list[Any]:
+        rest = [0.0 if flow is None else getattr(flow, name) for flow in flows]
+        shifts = [0.0] * len(system.masses)
+        for kind, shift in zip(system.joints, rest, strict=True):
+            if not isinstance(shift, float):
+                kind.follow(shifts, shift)
+        return [along(ends, shifts) for ends in system.rod_ends]
+
+    both = enumerate(zip(stretched("now"), stretched("mean"), strict=True))
+    shifts = {number: shift for number, shift in both if not isinstance(shift[1], float)}
+    moved = iter(rods_at(system, before, sums, now, shifts))
+    return [next(moved) if number in shifts else rod for number, rod in enumerate(rods)]
+
+
+def of_first_step(system: StepConstants, before: JointState, moved: Moved, now: Now) -> Moved:
+    """Joints after a step, of which the first begins at its instant t_m = 0."""
+    motion, is_first = moved.motion, now.is_first
+    starts = {"velocity_now": before.velocity}
+    if not system.starts_at_rest:
+        starts |= dict.fromkeys(("jump", "turn_time", "turn", "change_time"), 0.0)
+    changed = {k: jnp.where(is_first, y, getattr(motion, k)) for k, y in starts.items()}
+    if not system.starts_at_rest:
+        changed["turns"] = motion.turns & ~is_first
+    return moved._replace(motion=motion._replace(**changed))
+
+
+def observed(
+    system: StepConstants,
+    before: RunState,
+    after: RunState,
+    rods: Sequence[RodStep],
+    moved: Sequence[Moved],
+    flows: Sequence[Any],
+    now: Now,
+    needs_flow: jax.Array | None,
+) -> Instant:
+    """The instant t_m: velocities then are the mean of those half a step before and after it."""
+    x, forces = before.x, tuple(rod.force for rod in rods)
+    if any(flow is not None for flow in flows):
+        x = system.follow(x, [y.now for y in moved])
+    mean = [(v + w) / 2 for v, w in zip(before.v, after.v, strict=True)]
+    v = system.follow(mean, [y.motion.velocity_now for y in moved])
+    v = tuple(jnp.where(now.is_first, a, b) for a, b in zip(before.v, v, strict=True))
+    free, joints = system.free_accelerations(forces), list[Any]()
+    for kind, y, flow in zip(system.joints, moved, flows, strict=True):
+        joints.append(kind.seen(y, flow, lambda q, kind=kind: kind.inertia(free, now.ground, q)))
+    links = {k: link for seen in joints for k, link in seen.links.items()}
+    return Instant(
+        time=now.time,
+        ground=now.ground,
+        x=x,
+        v=v,
+        forces=forces,
+        rods=after.rods,
+        joints=tuple(joints),
+        links=tuple(links[k] for k in sorted(links)),
+        needs_flow=needs_flow,
+    )
+
+
+def accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
+    """Absolute acceleration x'' + u'' of each mass at an instant."""
+    ends, forces = list(system.rod_ends), [*now.forces]
+    for group in system.groups:
+        of_kind = now.joints[group.kind].forces[group.first :]
+        for joint, force in zip(group.joints, of_kind, strict=False):
+            inertia = now.links[joint.link].inertia
+            ends.append(joint.ends)
+            forces.append(force if inertia is None else force + inertia)
+    masses = enumerate(system.masses)
+    return tuple(load_on(number, ends, forces) / mass for number, mass in masses)
