@@ -12,7 +12,9 @@ from .history import ModalHistory as ModalHistory
 from .history import gl_weights as gl_weights
 from .programs import keep_programs as keep_programs
 from .programs import use_loop_kernels as use_loop_kernels
-from .rod import rod_force as rod_force
+from .rods.yielding import CyclicTest as CyclicTest
+from .rods.yielding import cyclic_test as cyclic_test
+from .rods.zener import rod_force as rod_force
 from .run import demand as demand
 from .run import simulate as simulate
 from .scheme import PAPER_SCHEME as PAPER_SCHEME
@@ -20,5 +22,3 @@ from .scheme import Scheme as Scheme
 from .scheme import stability_limit as stability_limit
 from .spectrum import InelasticSpectrum as InelasticSpectrum
 from .spectrum import inelastic_spectrum as inelastic_spectrum
-from .yielding import CyclicTest as CyclicTest
-from .yielding import cyclic_test as cyclic_test

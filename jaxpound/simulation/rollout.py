@@ -28,7 +28,7 @@ from jaxpound.ground.run_input import as_run
 from jaxpound.model.hysteresis import zener_of
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import Topology, elongation, load_on
+from jaxpound.model.topology import Topology, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
 from jaxpound.simulation import state as run_state
@@ -121,18 +121,17 @@ class Rollout(NamedTuple):
         zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
         if any(link.contact or link.velocity_friction for link in system.links):
             zero = _differentiated_with(zero, (structures, ground, extra, initial))
-        displaced = velocities = stretched = None
+        displaced = velocities = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
-            stretched = tuple(elongation(ends, displaced) for ends in system.topology.rods)
-        constants = run_state.step_constants(system, dt, scheme.order, slots)
+        constants = run_state.step_constants(system, dt, scheme.order, slots, displaced)
         start = run_state.start_state(system, constants, zero, dt, displaced, velocities)
         excitation = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
         # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
         first = jax.tree.map(lambda x: x[0], excitation.series)
         first_acceleration = excitation.at(jnp.zeros((), dtype), first)[1]
         before = (dt * first_acceleration * (0.5 if scheme.start == "rest" else 1.0)).astype(dtype)
-        starting = RunStart(before, stretched)
+        starting = RunStart(before, initial is None)
 
         def advance(
             state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any, with_flows: bool
@@ -147,7 +146,7 @@ class Rollout(NamedTuple):
             idle = [state, [zero] * len(sums)]
             return *starting.kept(time, idle, after), instant
 
-        if constants.groups or (constants.is_long and constants.yielding_laws):
+        if constants.groups or (constants.is_long and constants.yields):
             # Reverse mode then keeps fewer numbers of each step.
             kept = jax.checkpoint_policies.save_only_these_names(FLOW)
             advance = jax.checkpoint(advance, prevent_cse=False, policy=kept, static_argnums=(4,))

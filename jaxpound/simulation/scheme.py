@@ -22,7 +22,7 @@ from jaxpound.model.system import Structures, System, gravity_of
 from jaxpound.model.topology import Ends, Topology, link_groups, rod_groups, storey_rods
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
-from jaxpound.simulation.rod import nyquist_stiffness
+from jaxpound.simulation.rods.zener import nyquist_stiffness
 from jaxpound.simulation.state import link_inverse_mass
 
 

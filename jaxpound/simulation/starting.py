@@ -3,12 +3,11 @@
 A run at rest starts with velocities at t = −h/2, chosen so that those at t = h/2, after the first
 kick, are right. A run that starts displaced or moving has its velocities at t = 0 in their place,
 and its first kick is half a step long: a whole one with half the acceleration of the ground and
-twice the masses. Its rods are relaxed as they are at the start, and have constant forces besides.
+twice the masses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -16,7 +15,6 @@ import jax.numpy as jnp
 
 from jaxpound.simulation.contact.group import MovedLink
 from jaxpound.simulation.friction import LinkMotion
-from jaxpound.simulation.rod import RodLaw, SpringLaw
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.state import LinkState, RunState, StepConstants
 
@@ -27,12 +25,7 @@ class RunStart(NamedTuple):
     """The start of a run: at rest, or displaced or moving."""
 
     first_velocity: jax.Array  # of all masses half a step before t = 0, where all is at rest
-    initial: tuple[jax.Array, ...] | None  # elongations of the rods where it is not
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether all is at rest: flows of the first step then start in its middle."""
-        return self.initial is None
+    at_rest: bool  # flows of the first step then start in its middle
 
     def before(self, state: RunState, is_first: jax.Array) -> RunState:
         """The state before a step, which may be the first (``is_first``)."""
@@ -58,21 +51,6 @@ class RunStart(NamedTuple):
     def pull(self, pull: jax.Array, is_first: jax.Array) -> jax.Array:
         """A pull, from that of the step's kick."""
         return pull if self.at_rest else pull / _share_of_kick(pull, is_first)
-
-    def elongations(self, elongations: list[jax.Array]) -> list[jax.Array]:
-        """The elongations of rods, measured from those where the rods are relaxed."""
-        if self.initial is None:
-            return elongations
-        return [length - rest for length, rest in zip(elongations, self.initial, strict=True)]
-
-    def forces(
-        self, forces: tuple[jax.Array, ...], rods: Sequence[RodLaw | SpringLaw]
-    ) -> tuple[jax.Array, ...]:
-        """The forces of rods, from those of their relaxed elongations."""
-        if self.initial is None:
-            return forces
-        by_rod = zip(forces, rods, self.initial, strict=True)
-        return tuple(force + law.modulus * rest for force, law, rest in by_rod)
 
     def rise(self, pull: jax.Array, last: jax.Array, is_first: jax.Array, on_ground: bool) -> Any:
         """The growth of a pull since the step before: none where the run starts under a load."""

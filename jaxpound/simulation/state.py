@@ -7,8 +7,6 @@ from typing import Any, NamedTuple
 
 import jax
 
-from jaxpound.model.dampers import Dashpot, PowerLaw
-from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import System
 from jaxpound.model.topology import GROUND, Ends, Topology, elongation, link_groups
 from jaxpound.simulation.contact.group import ContactState, coupling, needs_flow
@@ -16,10 +14,9 @@ from jaxpound.simulation.contact.group_flows import Groups, alike
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.inertance import Inerters
-from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
+from jaxpound.simulation.rods.law import RodLaw
+from jaxpound.simulation.rods.laws import law_of
 from jaxpound.simulation.scan import BlockForm
-from jaxpound.simulation.slider import has_slider
-from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState
 
 FEW_RODS = 8  # beyond, batches have no shortcut, and peaks and laws are arrays: it compiles sooner
 WRITTEN_OUT = 4  # rods up to which a block is unrolled; a loop compiles in a third of the time
@@ -36,8 +33,7 @@ class StepConstants(NamedTuple):
 
     topology: Topology
     inverse_masses: tuple[jax.Array, ...]
-    rods: tuple[RodLaw | SpringLaw, ...]  # as they are before they yield
-    hysteresis: tuple[HysteresisConstants | None, ...]  # of the rods
+    rods: tuple[RodLaw, ...]
     frictions: tuple[jax.Array, ...]
     groups: tuple[Groups, ...]  # of links that may need the local flow
     mass_shares: dict[int, dict[int, jax.Array]]  # of these groups, by number: see ``coupling``
@@ -50,9 +46,14 @@ class StepConstants(NamedTuple):
         return bool(self.groups) or len(self.rods) > WRITTEN_OUT or self.has_long_laws
 
     @property
-    def yielding_laws(self) -> list[Any]:
-        """The laws of hysteresis of rods that yield, without dashpots."""
-        return [rod.law for rod in self.hysteresis if rod and not isinstance(rod.law, Dashpot)]
+    def yield_displacements(self) -> tuple[Any, ...]:
+        """Elongations where the rods yield first; None of one that never does."""
+        return tuple(rod.yield_displacement for rod in self.rods)
+
+    @property
+    def yields(self) -> bool:
+        """Whether rods yield."""
+        return any(x is not None for x in self.yield_displacements)
 
     @property
     def has_shortcut(self) -> bool:
@@ -69,7 +70,7 @@ class StepConstants(NamedTuple):
     @property
     def has_long_laws(self) -> bool:
         """Whether rods yield by laws of more operations than ``Bilinear``."""
-        return not all(map(has_slider, self.yielding_laws))
+        return any(rod.is_long for rod in self.rods)
 
     @property
     def has_laws_in_arrays(self) -> bool:
@@ -81,7 +82,7 @@ class StepConstants(NamedTuple):
         """How the steps of a block are computed."""
         if self.is_long:
             return "loop"
-        return "recomputed" if self.yielding_laws else "written out"
+        return "recomputed" if self.yields else "written out"
 
     def link_pulls(self, loads: Sequence[Any], acceleration: Any) -> list[jax.Array]:
         """Relative accelerations of the links' ends without these; between masses u'' drops out."""
@@ -119,9 +120,7 @@ class RunState(NamedTuple):
 
     x: tuple[jax.Array | None, ...]
     v: tuple[jax.Array | None, ...]
-    # K e_{m−1} − f_{m−1} of each rod with elongation e, by its force before yield
-    excess: tuple[Any, ...]  # None of a spring
-    yielding: tuple[HysteresisState | None, ...]
+    rods: tuple[Any, ...]  # as their laws have them
     links: tuple[LinkState, ...]
 
 
@@ -153,22 +152,18 @@ class Instant(NamedTuple):
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
 
 
-def step_constants(system: System, dt: float, order: int, slots: int) -> StepConstants:
-    """The constants of a run with steps of ``dt`` that records up to ``slots`` impacts in each."""
+def step_constants(
+    system: System, dt: float, order: int, slots: int, x: Sequence[jax.Array] | None = None
+) -> StepConstants:
+    """The constants of a run with steps of ``dt`` that records up to ``slots`` impacts in each.
+
+    Masses displaced by x at the start relax the rods there.
+    """
     topology, inverse = system.topology, tuple(1 / m for m in system.masses)
     rods = tuple(
-        SpringLaw(rod.stiffness)
-        if (viscoelastic := zener_of(rod.material)) is None
-        else rod_law(viscoelastic, rod.stiffness, dt, order)
-        for rod in system.rods
+        law_of(rod, dt, order, None if x is None else elongation(ends, x))
+        for rod, ends in zip(system.rods, topology.rods, strict=True)
     )
-    laws = [
-        rod.material.for_steps(rod.stiffness, dt)
-        if isinstance(rod.material, PowerLaw)
-        else hysteresis_of(rod.material)
-        for rod in system.rods
-    ]
-    hysteresis = each(HysteresisConstants, laws, [rod.stiffness for rod in system.rods])
     groups, links = dict(enumerate(link_groups(topology))), system.links
     inerters = Inerters.of(system, inverse)
     couplings, mass_shares = {}, {}
@@ -177,7 +172,7 @@ def step_constants(system: System, dt: float, order: int, slots: int) -> StepCon
             couplings[n], mass_shares[n] = coupling(topology, group, links, inverse, inerters)
     frictions = tuple(link.friction for link in links)
     of_links = frictions, alike(groups, couplings), mass_shares, inerters, slots
-    return StepConstants(topology, inverse, rods, hysteresis, *of_links)
+    return StepConstants(topology, inverse, rods, *of_links)
 
 
 def start_state(
@@ -203,13 +198,14 @@ def start_state(
         values = [zero] * topology.n_masses if y is None else y
         return tuple(None if mass in hanging else value for mass, value in enumerate(values))
 
-    def of_rod(rod: HysteresisConstants, ends: Ends) -> HysteresisState:
-        length, speed = (zero if y is None else elongation(ends, y) for y in (x, v))
-        return HysteresisState(rod.law.start(length), rod.within(length), dt * speed)
-
-    yielding = each(of_rod, constants.hysteresis, topology.rods)
-    excess = tuple(None if isinstance(law, SpringLaw) else zero for law in constants.rods)
-    return RunState(of_free(x), of_free(v), excess, yielding, tuple(links))
+    lengths, speeds = (
+        [zero if y is None else elongation(ends, y) for ends in topology.rods] for y in (x, v)
+    )
+    rods = tuple(
+        law.start(length, dt * speed)
+        for law, length, speed in zip(constants.rods, lengths, speeds, strict=True)
+    )
+    return RunState(of_free(x), of_free(v), rods, tuple(links))
 
 
 def of_all_masses(

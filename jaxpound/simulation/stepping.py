@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -26,11 +25,10 @@ from jaxpound.simulation.contact import group as contact_group
 from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep, MovedLink
 from jaxpound.simulation.contact.group_flows import GroupFlows, Groups, flows_of, need_flows
 from jaxpound.simulation.friction import LinkMotion, LinkStep
-from jaxpound.simulation.rod import RodStep, SpringLaw, rod_moved, rod_step
+from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.starting import RunStart
 from jaxpound.simulation.state import Instant, LinkInstant, LinkState, RunState, StepConstants
-from jaxpound.simulation.yielding import HysteresisConstants, HysteresisStep, hysteresis_step, moved
 
 
 def step(
@@ -63,15 +61,14 @@ def step(
     this = _Step(system, starting, before, elongations, *now)
 
     rod_steps = this.rod_steps(sums)
-    yielding = this.yielding(elongations)
-    forces, loads, pulls = this.loads(rod_steps, yielding)
+    forces, loads, pulls = this.loads(rod_steps)
     groups = [(of_shape, this.group_step(of_shape, pulls)) for of_shape in system.groups]
     flows = [flows_of(*of_groups) for of_groups in groups] if with_flows else []
     # After a flow the rods take the mean sample, which changes the pull on all links whose masses
     # have these rods.
     if flows:
-        rod_steps, yielding = this.with_mean_samples(rod_steps, yielding, flows)
-        forces, loads, pulls = this.loads(rod_steps, yielding)
+        rod_steps = this.with_mean_samples(rod_steps, sums, flows)
+        forces, loads, pulls = this.loads(rod_steps)
 
     moved_links = this.moved_links(pulls, groups, flows)
     closings, motions = [x.closing for x in moved_links], [x.motion for x in moved_links]
@@ -97,8 +94,7 @@ def step(
     after = RunState(
         x=of_free("x"),
         v=of_free("v"),
-        excess=tuple(rod.excess for rod in rod_steps),
-        yielding=tuple(None if rod is None else rod.state for rod in yielding),
+        rods=tuple(rod.state for rod in rod_steps),
         links=links,
     )
     totals = [motion.total_force for motion in motions]
@@ -107,7 +103,8 @@ def step(
         LinkInstant(closings[k], motion.velocity_now, motion, inertia.get(k))
         for k, motion in enumerate(motions)
     )
-    dissipated = state.each(HysteresisConstants.dissipated, system.hysteresis, after.yielding)
+    laws = zip(system.rods, after.rods, strict=True)
+    dissipated = tuple(law.dissipated(rod) for law, rod in laws)
     x_now, v_now = of_free("x_now"), of_free("v_now")
     needs_flow = None if with_flows else need_flows(groups)
     instant = Instant(time, acceleration, x_now, v_now, forces, dissipated, seen, needs_flow)
@@ -137,42 +134,37 @@ class _Step(NamedTuple):
     is_first: jax.Array
     is_last: jax.Array
 
-    def rod_steps(self, sums: Sequence[jax.Array]) -> list[RodStep]:
-        """Force, excess and c_m of each rod at t_m; rods are relaxed as they are at the start."""
-        elongations, remaining = self.starting.elongations(self.elongations), iter(sums)
-        rods = zip(self.system.rods, self.before.excess, elongations, strict=True)
-        return [
-            RodStep(law.modulus * x, None, None)
-            if isinstance(law, SpringLaw)
-            else rod_step(law, excess, next(remaining), x)
-            for law, excess, x in rods
-        ]
+    def rod_steps(
+        self, sums: Sequence[jax.Array], shifts: dict[int, tuple[Any, Any]] | None = None
+    ) -> list[RodStep]:
+        """The rods at t_m; or those with ``shifts`` of their elongations at t_m and in the mean."""
+        remaining, rods = iter(sums), list[tuple[Any, ...]]()
+        for r, (law, before) in enumerate(zip(self.system.rods, self.before.rods, strict=True)):
+            total = None if law.order is None else next(remaining)
+            now, e = (law, before), self.elongations[r]
+            if shifts is None:
+                rods.append((*now, e, total))
+            elif r in shifts:
+                to_now, to_mean = shifts[r]
+                rods.append((*now, e + to_now, total, e + to_mean))
+        is_first = None if self.starting.at_rest else self.is_first
 
-    def yielding(self, elongations: Sequence[jax.Array]) -> list[HysteresisStep | None]:
-        """The rods at t_m, if they yield, with their elongations."""
-        starts = None if self.starting.at_rest else self.is_first
-        rods = zip(self.system.hysteresis, self.before.yielding, elongations, strict=True)
-        those = {r: rod for r, rod in enumerate(rods) if rod[0] is not None}
-        function = partial(hysteresis_step, is_first=starts)
-        steps = map_alike(function, [*those.values()], self.system.has_laws_in_arrays)
-        by_number = dict(zip(those, steps, strict=True))
-        return [by_number.get(r) for r in range(len(elongations))]
+        def step(law: RodLaw, before: Any, e: Any, total: Any, *mean: Any) -> RodStep:
+            return law.step(before, e, total, is_first, *mean)
+
+        return map_alike(step, rods, self.system.has_laws_in_arrays)
 
     def loads(
-        self, rod_steps: Sequence[RodStep], yielding: Sequence[HysteresisStep | None]
+        self, rods: Sequence[RodStep]
     ) -> tuple[tuple[jax.Array, ...], list[jax.Array], list[jax.Array]]:
         """Forces of the rods at t_m, mean loads on the masses, and mean pulls on the links."""
-        system = self.system
-        forces = self.starting.forces(tuple(rod.force for rod in rod_steps), system.rods)
-        forces = tuple(f - y.lost if y else f for f, y in zip(forces, yielding, strict=True))
-        means = tuple(f - y.kink if y else f for f, y in zip(forces, yielding, strict=True))
-        topology = system.topology
-        loads = topology.loads(means)
-        return forces, loads, system.link_pulls(loads, self.mean_acceleration)
+        loads = self.system.topology.loads(tuple(rod.kick for rod in rods))
+        pulls = self.system.link_pulls(loads, self.mean_acceleration)
+        return tuple(rod.force for rod in rods), loads, pulls
 
     def with_mean_samples(
-        self, rods: list[RodStep], yielding: list[HysteresisStep | None], flows: list[GroupFlows]
-    ) -> tuple[list[RodStep], list[HysteresisStep | None]]:
+        self, rods: list[RodStep], sums: Sequence[jax.Array], flows: list[GroupFlows]
+    ) -> list[RodStep]:
         """The rods at t_m with the positions of masses of a flow replaced."""
         system = self.system
         changed = {mass for shares in system.mass_shares.values() for mass in shares}
@@ -184,19 +176,14 @@ class _Step(NamedTuple):
             by_number = [by_mass.get(mass, 0.0) for mass in range(system.topology.n_masses)]
             return [elongation(ends, by_number) for ends in system.topology.rods]
 
-        to_mean = shifts(lambda flow: flow.shift)
-        rods, yielding, now = list(rods), list(yielding), list[HysteresisStep | None]()
-        if any(system.hysteresis):
-            to_now = shifts(lambda flow: flow.shift_now)
-            now = self.yielding([x + dx for x, dx in zip(self.elongations, to_now, strict=True)])
-        for k, ends in enumerate(system.topology.rods):
-            if not changed & {*ends}:
-                continue
-            rods[k] = rod_moved(system.rods[k], rods[k], to_mean[k])
-            if law := system.hysteresis[k]:
-                of_rod = cast("HysteresisStep", now[k])
-                yielding[k] = moved(law, of_rod, self.elongations[k] + to_mean[k])
-        return rods, yielding
+        to_now, to_mean = shifts(lambda flow: flow.shift_now), shifts(lambda flow: flow.shift)
+        of_rods = {
+            r: (to_now[r], to_mean[r])
+            for r, ends in enumerate(system.topology.rods)
+            if changed & {*ends}
+        }
+        moved = dict(zip(of_rods, self.rod_steps(sums, of_rods), strict=True))
+        return [moved.get(r, rod) for r, rod in enumerate(rods)]
 
     def group_step(self, groups: Groups, pulls: Sequence[jax.Array]) -> GroupStep:
         """The inputs of groups of links, under the pulls on all links."""

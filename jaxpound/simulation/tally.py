@@ -16,16 +16,15 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.dampers import Dashpot
 from jaxpound.model.system import System
 from jaxpound.model.topology import GROUND, Ends, elongation, is_storey, link_groups, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.peaks import GroundPeaks, Peak, Peaks, Sample
+from jaxpound.simulation.rods.yielding import time_until
 from jaxpound.simulation.starting import RunStart
 from jaxpound.simulation.state import Instant, RunState, StepConstants, each, of_all_masses
-from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState, time_until
 
 
 class _ObservedInstant(NamedTuple):
@@ -140,12 +139,9 @@ class _ObservedInstant(NamedTuple):
 
 
 def _first_yield(
-    law: HysteresisConstants, first: jax.Array, before: Peak, peak: Peak, time: jax.Array, dt: float
+    limit: jax.Array, first: jax.Array, before: Peak, peak: Peak, time: jax.Array, dt: float
 ) -> jax.Array:
     """When a rod yields first, by the peaks of its elongation until the instant before and now."""
-    if isinstance(law.law, Dashpot):
-        return first
-    limit = law.law.yield_displacement
     yields = (before.largest < limit) & (peak.largest >= limit)
     # As the parabola through the last three elongations passes the limit.
     side = jnp.where(peak.last < 0, -1.0, 1.0).astype(peak.last.dtype)
@@ -154,22 +150,6 @@ def _first_yield(
     late, _ = time_until(limit - side * peak.last, speed, gain)
     late = jnp.where((late <= 0) & (late >= -1), late, 0.0)
     return jnp.where(yields, time + dt * late, first)
-
-
-def _yield_demands(
-    law: HysteresisConstants, end: HysteresisState, peak: Peak, first: jax.Array
-) -> dict[str, jax.Array]:
-    """The scalars of a rod that yields, with its state at the ``end``; of a damper its energy."""
-    if isinstance(law.law, Dashpot):
-        return {"dissipated_energy": law.dissipated(end)}
-    largest, reduced = peak.largest, law.law.reduced_force(end.elongation, end.of_law)
-    return {
-        "ductility": largest / law.law.yield_displacement,
-        "residual_drift": jnp.abs(peak.last - reduced),
-        "dissipated_energy": law.dissipated(end),
-        "first_yield_time": first,
-        "collapsed": 0 * largest + (largest > law.ultimate).astype(largest.dtype),
-    }
 
 
 class Tally(NamedTuple):
@@ -221,7 +201,7 @@ class Tally(NamedTuple):
             displacements=peaks(len(topology.observed_ends)),
             acceleration=peaks(topology.n_masses),
             forces=peaks(len(topology.rods)),
-            first_yields=each(lambda _: zero + jnp.inf, constants.hysteresis),
+            first_yields=each(lambda _: zero + jnp.inf, constants.yield_displacements),
             links=links,
         )
 
@@ -263,7 +243,7 @@ class Tally(NamedTuple):
             forces=self.forces.observe([Sample(force, smooth) for force in now.forces]),
             first_yields=each(
                 partial(_first_yield, time=now.time, dt=dt),
-                system.hysteresis,
+                system.yield_displacements,
                 self.first_yields,
                 (before[i] for i in places),
                 (after[i] for i in places),
@@ -291,9 +271,10 @@ class Tally(NamedTuple):
         topology, rods = system.topology, system.topology.rods
         paths = dict(zip(topology.observed_ends, self.displacements.each(), strict=True))
         peaks = [paths[ends] for ends in rods]
-        yielded = each(
-            _yield_demands, constants.hysteresis, state.yielding, peaks, self.first_yields
-        )
+        scalars = [
+            law.scalars(end, peak.largest, peak.last)
+            for law, end, peak in zip(constants.rods, state.rods, peaks, strict=True)
+        ]
         drifts = [paths[ends].largest if is_storey(ends) else None for ends in rods]
         return Demand(
             masses=tuple(
@@ -301,8 +282,10 @@ class Tally(NamedTuple):
                 for mass, a in enumerate(self.acceleration.each())
             ),
             rods=tuple(
-                RodDemand(peak_force=force.largest, peak_drift=drift, **(more or {}))
-                for force, drift, more in zip(self.forces.each(), drifts, yielded, strict=True)
+                RodDemand(force.largest, drift, first_yield_time=first, **more)
+                for force, drift, first, more in zip(
+                    self.forces.each(), drifts, self.first_yields, scalars, strict=True
+                )
             ),
             links=tuple(
                 tally.demand(link.gap, end.contact and end.contact.contact, slip_force, temperature)

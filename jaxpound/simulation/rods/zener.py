@@ -6,84 +6,80 @@ Each rod keeps one history, of c_m = K τ_x x_m − τ_f f_m.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import register_dataclass
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, real
 from jaxpound.model.rod import ZenerRod
 from jaxpound.simulation.history import HistorySum, ModalHistory
+from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.scan import scan_with_history
 
 
-class RodLaw(NamedTuple):
-    """A rod's law over one step.
+@register_dataclass
+@dataclass(frozen=True)
+class Zener(RodLaw):
+    """A fractional Zener rod; its state is K e_{m−1} − f_{m−1}.
 
-    f_m = [stiffness x_m + lag (K x_{m−1} − f_{m−1}) + memory S_m] / divisor, x its elongation.
+    f_m = [stiffness e_m + lag (K e_{m−1} − f_{m−1}) + memory S_m] / divisor. Where the rod is
+    relaxed at another elongation than 0, e is measured from there, and f from its force there.
     """
 
-    stiffness: jax.Array
-    lag: jax.Array
-    memory: jax.Array
-    divisor: jax.Array
-    modulus: jax.Array  # K
-    tau_f: jax.Array
-    tau_x: jax.Array
+    stiffness: Any
+    lag: Any
+    memory: Any
+    divisor: Any
+    modulus: Any  # K
+    tau_f: Any
+    tau_x: Any
+    order: Any
+    relaxed_at: Any = None  # None for 0
 
+    @staticmethod
+    def of(
+        rod: ZenerRod, modulus: ArrayLike, dt: float, order: int, relaxed_at: Any = None
+    ) -> Zener:
+        """The rod in the scheme of this order, at step ``dt``.
 
-class SpringLaw(NamedTuple):
-    """An elastic spring, f_m = K x_m, without a memory."""
+        Order 1 is the paper's eq. (10). Order 2 puts the whole Zener law at t_m − γh/2, where the
+        Grünwald–Letnikov sum is second-order accurate.
+        """
+        gamma = jnp.asarray(rod.order)
+        s = gamma / 2 if order == 2 else jnp.zeros_like(gamma)
+        speed = dt**-gamma
+        return Zener(
+            stiffness=modulus * (1 - s + rod.tau_x * speed),
+            lag=s,
+            memory=speed,
+            divisor=1 - s + rod.tau_f * speed,
+            modulus=jnp.asarray(modulus, gamma.dtype),
+            tau_f=jnp.asarray(rod.tau_f),
+            tau_x=jnp.asarray(rod.tau_x),
+            order=gamma,
+            relaxed_at=relaxed_at,
+        )
 
-    modulus: jax.Array
+    def start(self, elongation: jax.Array, change: jax.Array) -> jax.Array:
+        """No force beside the spring's."""
+        return 0 * elongation
 
-
-class RodStep(NamedTuple):
-    """A rod at t_m: what its history remembers is None of a spring."""
-
-    force: jax.Array
-    excess: Any  # K e_m − f_m
-    remembered: Any  # c_m
-
-
-def rod_law(rod: ZenerRod, modulus: ArrayLike, dt: float, order: int) -> RodLaw:
-    """The rod in the scheme of this order, at step ``dt``.
-
-    Order 1 is the paper's eq. (10). Order 2 puts the whole Zener law at t_m − γh/2, where the
-    Grünwald–Letnikov sum is second-order accurate.
-    """
-    gamma = jnp.asarray(rod.order)
-    s = gamma / 2 if order == 2 else jnp.zeros_like(gamma)
-    speed = dt**-gamma
-    return RodLaw(
-        stiffness=modulus * (1 - s + rod.tau_x * speed),
-        lag=s,
-        memory=speed,
-        divisor=1 - s + rod.tau_f * speed,
-        modulus=jnp.asarray(modulus, gamma.dtype),
-        tau_f=jnp.asarray(rod.tau_f),
-        tau_x=jnp.asarray(rod.tau_x),
-    )
-
-
-def rod_step(law: RodLaw, excess: jax.Array, total: jax.Array, x: jax.Array) -> RodStep:
-    """Force f_m from K x_{m−1} − f_{m−1}, S_m and x_m; then K x_m − f_m, and c_m to remember."""
-    # Kept as a division: XLA computes a quotient once, but a product again wherever f is used.
-    f = (law.stiffness * x + law.lag * excess + law.memory * total) / law.divisor
-    return RodStep(f, law.modulus * x - f, law.modulus * law.tau_x * x - law.tau_f * f)
-
-
-@jax.jit  # traced once, not for every rod
-def rod_moved(law: RodLaw | SpringLaw, passed: RodStep, dx: jax.Array) -> RodStep:
-    """What the step would have been for an elongation greater by dx."""
-    if isinstance(law, SpringLaw):
-        return passed._replace(force=passed.force + law.modulus * dx)
-    f, excess, c = passed
-    df = law.stiffness * dx / law.divisor
-    c = c + law.modulus * law.tau_x * dx - law.tau_f * df
-    return RodStep(f + df, excess + law.modulus * dx - df, c)
+    def step(
+        self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
+    ) -> RodStep:
+        """The rod at t_m; it remembers c_m = K τ_x e_m − τ_f f_m."""
+        e, rest = elongation if mean is None else mean, self.relaxed_at
+        e = e if rest is None else e - rest
+        # Kept as a division: XLA computes a quotient once, but a product again wherever f is used.
+        f = (self.stiffness * e + self.lag * before + self.memory * total) / self.divisor
+        force = f if rest is None else f + self.modulus * rest
+        c = self.modulus * self.tau_x * e - self.tau_f * f
+        return RodStep(force, force, self.modulus * e - f, c)
 
 
 def rod_force(
@@ -133,11 +129,11 @@ def rod_force(
     history = ModalHistory() if history is None else history
     dtype = jnp.result_type(x, float)
     x, rod = jax.tree.map(lambda a: jnp.asarray(a, dtype), (x, rod))
-    law = rod_law(rod, jnp.asarray(stiffness, dtype), dt, order)
+    law = Zener.of(rod, jnp.asarray(stiffness, dtype), dt, order)
 
-    def advance(excess: jax.Array, sums: list[jax.Array], m: jax.Array, now: jax.Array) -> Any:
-        f, excess, c = rod_step(law, excess, sums[0], now)
-        return excess, [c], f
+    def advance(state: jax.Array, sums: list[jax.Array], m: jax.Array, now: jax.Array) -> Any:
+        at = law.step(state, now, sums[0], None)
+        return at.state, [at.remembered], at.force
 
     rest = jnp.zeros((), dtype)
     return scan_with_history(advance, rest, x.size - 1, [rod.order], history, x)[1]

@@ -13,28 +13,50 @@ and so an error of order h in derivatives. τ is a root of the same parabola.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import register_dataclass
 
 from jaxpound._checks import Rule, all_hold, count, enforce, finite, instance, real
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import rules
-from jaxpound.model.dampers import Dashpot
 from jaxpound.model.hysteresis import HysteresisLaw
 from jaxpound.model.system import Rod
-from jaxpound.simulation.slider import has_slider, slider_step
+from jaxpound.simulation.rods.law import RodLaw, RodStep, once
+from jaxpound.simulation.rods.slider import has_slider, slider_step
 
 
-class HysteresisConstants(NamedTuple):
-    """A law of hysteresis, and the stiffness K of its rod."""
+class HystereticState(NamedTuple):
+    """State of a rod that yields at t_{m−1}."""
+
+    of_law: Any
+    elongation: jax.Array
+    change: jax.Array  # of the elongation since the instant before
+
+
+@register_dataclass
+@dataclass(frozen=True)
+class Hysteretic(RodLaw):
+    """A rod with a law of hysteresis, f_m = K r(e_m)."""
 
     law: Any
-    modulus: jax.Array
+    modulus: Any  # K
+
+    @property
+    def yield_displacement(self) -> Any:
+        """The elongation where the rod yields first."""
+        return self.law.yield_displacement
+
+    @property
+    def is_long(self) -> bool:  # type: ignore[override]
+        """Laws have more operations than a slider."""
+        return not has_slider(self.law)
 
     @property
     def ultimate(self) -> Any:
@@ -46,14 +68,43 @@ class HysteresisConstants(NamedTuple):
         limit = jnp.broadcast_to(self.ultimate, jnp.shape(elongation)).astype(elongation.dtype)
         return _within(elongation, limit)
 
-    def dissipated(self, state: HysteresisState) -> jax.Array:
-        """Energy that the rod has dissipated."""
+    def start(self, elongation: jax.Array, change: jax.Array) -> HystereticState:
+        """A new rod that has been stretched to the elongation in one direction."""
+        return HystereticState(self.law.start(elongation), self.within(elongation), change)
+
+    def step(
+        self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
+    ) -> RodStep:
+        """The rod at t_m; its mean force over the kick lacks a kink."""
+        law, e, last = self.law, self.within(elongation), before.elongation
+        change = e - last if is_first is None else jnp.where(is_first, before.change, e - last)
+        path = last, change, change - before.change, e
+        if has_slider(law):
+            state, kink = slider_step(law, before.of_law, *path)
+        else:
+            state, kink = once(followed(self, before.of_law, *path), self.modulus)
+        force_at, sample = state, e
+        if mean is not None:
+            sample = self.within(mean)
+            force_at = law.advance(state, e, sample)
+        force = self.modulus * law.reduced_force(sample, force_at)
+        now = HystereticState(state, e, change)
+        return RodStep(force, force - self.modulus * kink, now)
+
+    def dissipated(self, state: HystereticState) -> jax.Array:
+        """Energy that the rod has dissipated by yielding."""
         return self.modulus * self.law.dissipated(state.of_law)
 
-    def once(self, tree: Any) -> Any:
-        """Numbers over K/K, which is 1: XLA computes quotients once, all else for each use."""
-        one = self.modulus / self.modulus
-        return jax.tree.map(lambda y: y / one, tree)
+    def scalars(
+        self, end: HystereticState, largest: jax.Array, last: jax.Array
+    ) -> dict[str, jax.Array]:
+        """Ductility, residual drift, dissipated energy, and whether the rod has collapsed."""
+        return {
+            "ductility": largest / self.law.yield_displacement,
+            "residual_drift": jnp.abs(last - self.law.reduced_force(end.elongation, end.of_law)),
+            "dissipated_energy": self.dissipated(end),
+            "collapsed": 0 * largest + (largest > self.ultimate).astype(largest.dtype),
+        }
 
 
 @jax.custom_jvp
@@ -68,23 +119,6 @@ def _(primals: Any, tangents: Any) -> tuple[jax.Array, jax.Array]:
     return _within(x, limit), jnp.where(jnp.abs(x) <= limit, d_x, jnp.sign(x) * d_limit)
 
 
-class HysteresisState(NamedTuple):
-    """State of a rod that yields at t_{m−1}."""
-
-    of_law: Any
-    elongation: jax.Array
-    change: jax.Array  # of the elongation since the instant before
-
-
-class HysteresisStep(NamedTuple):
-    """A rod that yields at t_m."""
-
-    state: HysteresisState
-    elongation: jax.Array
-    lost: jax.Array  # force below the elastic one, K (e − r)
-    kink: jax.Array  # what the mean over the kick exceeds it by
-
-
 def time_until(room: jax.Array, speed: jax.Array, gain: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Steps until a motion with a speed ≥ 0 that gains speed has passed a distance, and its speed.
 
@@ -97,46 +131,19 @@ def time_until(room: jax.Array, speed: jax.Array, gain: jax.Array) -> tuple[jax.
     return jnp.where(passes, 2 * room / jnp.where(passes, speed + then, 1.0), 0.0), then
 
 
-def hysteresis_step(
-    constants: HysteresisConstants,
-    before: HysteresisState,
-    elongation: jax.Array,
-    is_first: jax.Array | None,
-) -> HysteresisStep:
-    """The rod at t_m, from its state at t_{m−1} and its elongation at t_m.
-
-    ``is_first`` says whether the run begins at t_m displaced or moving; None for runs from rest.
-    """
-    law, e, last = constants.law, constants.within(elongation), before.elongation
-    change = e - last if is_first is None else jnp.where(is_first, before.change, e - last)
-    if isinstance(law, Dashpot):
-        state = constants.once(law.over_step(before.of_law, last, e))
-        lost = constants.once(constants.modulus * state.elongation)
-        now = HysteresisState(state, e, change)
-        return HysteresisStep(now, elongation, lost, jnp.zeros_like(lost))
-    path = last, change, change - before.change, e
-    if has_slider(law):
-        state, kink = slider_step(law, before.of_law, *path)
-    else:
-        state, kink = constants.once(followed(constants, before.of_law, *path))
-    lost = constants.modulus * (elongation - law.reduced_force(e, state))
-    now = HysteresisState(state, e, change)
-    return HysteresisStep(now, elongation, lost, constants.modulus * kink)
-
-
 def followed(
-    constants: HysteresisConstants, before: Any, last: Any, change: Any, gain: Any, e: Any
+    rod: Hysteretic, before: Any, last: Any, change: Any, gain: Any, e: Any
 ) -> tuple[Any, jax.Array]:
     """The state of a law after a step, and its kink: what the mean of −r over the kick lacks.
 
     The elongation was ``last`` and is e; it changed by ``change``, which is more than a step before
     by ``gain``.
     """
-    law = constants.law
-    speed = constants.once(change + gain / 2)  # at t_m; at t_{m−1} it was less by the gain
+    law, k = rod.law, rod.modulus
+    speed = once(change + gain / 2, k)  # at t_m; at t_{m−1} it was less by the gain
     turns = speed * (speed - gain) < 0
     at_turn = jnp.where(turns, e - speed**2 / (2 * jnp.where(turns, gain, 1.0)), last)
-    turned = constants.once(law.advance(before, last, at_turn))
+    turned = once(law.advance(before, last, at_turn), k)
     state = law.advance(turned, at_turn, e)
     if not hasattr(law, "kink"):
         return state, jnp.zeros_like(e)
@@ -146,14 +153,6 @@ def followed(
     missed = (0.5 - jnp.abs(time)) ** 2 / 2
     inside = (jnp.abs(time) < 0.5) & (then > 0)
     return state, jnp.where(inside, -jump * direction * then * missed, 0.0)
-
-
-def moved(constants: HysteresisConstants, now: HysteresisStep, sample: jax.Array) -> HysteresisStep:
-    """The rod with the force of another elongation: after an impact the mean sample of the kick."""
-    e = constants.within(sample)
-    state = constants.law.advance(now.state.of_law, now.state.elongation, e)
-    lost = constants.modulus * (sample - constants.law.reduced_force(e, state))
-    return now._replace(lost=lost)
 
 
 class CyclicTest(NamedTuple):
@@ -189,12 +188,12 @@ def cyclic_test(law: Any, displacements: Any, stiffness: Any = 1.0, steps: int =
     if x.ndim != 1 or x.size < 2:
         raise InvalidInput(owner, "displacements", "", f"of shape {x.shape} must be (n,), n ≥ 2")
     enforce(owner, checks := [Rule("displacements", x, finite(x), "finite"), *rules(rod)])
-    test = _tested(HysteresisConstants(law, rod.stiffness), x, count(owner, "steps", steps))
+    test = _tested(Hysteretic(law, rod.stiffness), x, count(owner, "steps", steps))
     return jax.tree.map(lambda y: jnp.where(all_hold(checks), y, jnp.nan), test)
 
 
 @partial(jax.jit, static_argnames="steps")
-def _tested(rod: HysteresisConstants, turns: jax.Array, steps: int) -> CyclicTest:
+def _tested(rod: Hysteretic, turns: jax.Array, steps: int) -> CyclicTest:
     share = jnp.arange(1, steps + 1, dtype=turns.dtype)[None] / steps
     between = turns[:-1, None] * (1 - share) + turns[1:, None] * share
     x, law = jnp.append(turns[0], between.reshape(-1)), rod.law
