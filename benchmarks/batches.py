@@ -22,7 +22,7 @@ from peers import modal_loop, paper_algorithm, paper_batch
 
 import jaxpound as jp
 from jaxpound.simulation.history import BLOCK
-from jaxpound.simulation.rod import rod_law
+from jaxpound.simulation.rods.zener import Zener
 
 jax.config.update("jax_enable_x64", True)
 CORES = jp.use_cores()
@@ -126,7 +126,7 @@ def peer_rods():
     rows = []
     for rod, modulus in ((CASE.rod_1, 1.0), (CASE.rod_2, CASE.stiffness_ratio)):
         rod = jax.tree.map(jnp.asarray, rod)
-        law = rod_law(rod, modulus, GRID.dt, 2)
+        law = Zener.of(rod, modulus, GRID.dt, 2)
         first = [law.stiffness, law.lag, law.memory]
         scaled = [float(x / law.divisor) for x in first]
         parts = history.kernel(rod.order, GRID.n_steps)

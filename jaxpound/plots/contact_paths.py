@@ -95,7 +95,7 @@ def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
         for link in response.links
     )
     inerters = Inerters.of(unchecked(System, masses=masses, rods=(), links=links), inverse)
-    constants = StepConstants(topology, inverse, (), (), (), (), {}, inerters, 0)
+    constants = StepConstants(topology, inverse, (), (), (), {}, inerters, 0)
     loads = topology.loads([rod.force for rod in response.rods])
     pulls = jax.vmap(constants.link_pulls)(loads, response.ground_acceleration)
     steps: dict[tuple[int, int], np.ndarray] = {}

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.special import gamma
 
 import jaxpound as jp
-from jaxpound.simulation.rod import nyquist_stiffness
+from jaxpound.simulation.rods.zener import nyquist_stiffness
 from tests.reference import convergence_order, load
 from tests.refusals import refusals
 

@@ -54,10 +54,7 @@ class RodLaw:
         raise NotImplementedError
 
     def dissipated(self, state: Any) -> Any:
-        """Energy that the rod has dissipated by yielding or in a dashpot; None if it has neither.
-
-        What a fractional rod dissipates is not its state's to know.
-        """
+        """Energy that the rod has dissipated, if its state says it, else None."""
         return None
 
     def scalars(self, end: Any, largest: jax.Array, last: jax.Array) -> dict[str, jax.Array]:
@@ -70,7 +67,7 @@ class RodLaw:
 class Spring(RodLaw):
     """An elastic spring, f_m = K e_m."""
 
-    modulus: jax.Array
+    modulus: Any  # K
 
     def step(
         self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
@@ -88,12 +85,12 @@ class Sum(RodLaw):
     parts: tuple[RodLaw, ...]
 
     @property
-    def order(self) -> Any:  # type: ignore[override]
+    def order(self) -> Any:
         """The order of the part that has a history."""
         return self._one("order")
 
     @property
-    def yield_displacement(self) -> Any:  # type: ignore[override]
+    def yield_displacement(self) -> Any:
         """The elongation where the part that yields does so first."""
         return self._one("yield_displacement")
 
@@ -136,6 +133,6 @@ class Sum(RodLaw):
 
 
 def once(tree: Any, number: jax.Array) -> Any:
-    """Numbers over number/number, which is 1: XLA computes quotients once, all else for each use."""
+    """Numbers over 1 as number/number: XLA computes quotients once, all else for each use."""
     one = number / number
     return jax.tree.map(lambda y: y / one, tree)

@@ -46,10 +46,10 @@ class Hysteretic(RodLaw):
     """A rod with a law of hysteresis, f_m = K r(e_m)."""
 
     law: Any
-    modulus: jax.Array  # K
+    modulus: Any  # K
 
     @property
-    def yield_displacement(self) -> Any:  # type: ignore[override]
+    def yield_displacement(self) -> Any:
         """The elongation where the rod yields first."""
         return self.law.yield_displacement
 

@@ -27,19 +27,19 @@ from jaxpound.simulation.scan import scan_with_history
 class Zener(RodLaw):
     """A fractional Zener rod; its state is K e_{m−1} − f_{m−1}.
 
-    f_m = [stiffness e_m + lag (K e_{m−1} − f_{m−1}) + memory S_m] / divisor, e its elongation. A rod
-    that is relaxed at another elongation than 0 has its e from there, and K times that beside f.
+    f_m = [stiffness e_m + lag (K e_{m−1} − f_{m−1}) + memory S_m] / divisor. Where the rod is
+    relaxed at another elongation than 0, e is measured from there, and f from its force there.
     """
 
-    stiffness: jax.Array
-    lag: jax.Array
-    memory: jax.Array
-    divisor: jax.Array
-    modulus: jax.Array  # K
-    tau_f: jax.Array
-    tau_x: jax.Array
-    order: jax.Array
-    relaxed_at: jax.Array | None = None  # None for 0
+    stiffness: Any
+    lag: Any
+    memory: Any
+    divisor: Any
+    modulus: Any  # K
+    tau_f: Any
+    tau_x: Any
+    order: Any
+    relaxed_at: Any = None  # None for 0
 
     @staticmethod
     def of(

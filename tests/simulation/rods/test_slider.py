@@ -10,8 +10,8 @@ import pytest
 import jaxpound as jp
 from jaxpound._fields import pytree_dataclass
 from jaxpound.model.hysteresis import Plastic
-from jaxpound.simulation.slider import slider_step
-from jaxpound.simulation.yielding import HysteresisConstants, followed
+from jaxpound.simulation.rods.slider import slider_step
+from jaxpound.simulation.rods.yielding import Hysteretic, followed
 
 SIZE = 4000
 
@@ -34,7 +34,7 @@ def in_closed_form(e_y, hardening, place, *path):
 
 
 def by_the_rules(e_y, hardening, place, *path):
-    rod = HysteresisConstants(jp.Bilinear(e_y, hardening), jnp.ones_like(e_y))
+    rod = Hysteretic(jp.Bilinear(e_y, hardening), jnp.ones_like(e_y))
     state, kink = followed(rod, Plastic(place, 0 * place), *path)
     return jnp.stack([state.elongation, state.dissipated, kink])
 
