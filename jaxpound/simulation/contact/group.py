@@ -30,8 +30,17 @@ from jaxpound.model.system import Link, System
 from jaxpound.model.topology import LinkGroup, Topology, link_groups
 from jaxpound.simulation.contact import forces, records
 from jaxpound.simulation.contact.flows import flow
-from jaxpound.simulation.contact.forces import of_either_face, seen_by_faces, times
-from jaxpound.simulation.contact.records import APART, PRESSED, Contact, FlowInput, FlowResult
+from jaxpound.simulation.contact.forces import times
+from jaxpound.simulation.contact.records import (
+    APART,
+    GAPS_LOG,
+    PRESSED,
+    Contact,
+    FlowInput,
+    FlowResult,
+    Gaps,
+    MidStep,
+)
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, LinkMotion, LinkStep
 from jaxpound.simulation.inertance import Inerters
 
@@ -52,10 +61,96 @@ class Coupling(NamedTuple):
         """Whether a link has friction that grows with the velocity, which needs every flow."""
         return any(law is not None for law in self.resistances)
 
-    def flow_input(self, motion: tuple[Any, ...], contact: Contact) -> FlowInput:
-        """The input of a flow from closings, velocities, pulls and their rise."""
-        fields: Any = *motion, *self, contact
-        return FlowInput(*fields)
+    @property
+    def with_law(self) -> list[int]:
+        """Faces with a law of contact: the gaps of a flow."""
+        return [j for j, law in enumerate(self.laws) if law is not None]
+
+    def sides(self, faces: tuple[int, ...]) -> Gaps:
+        """The gaps of a flow by joint and side; those on side −1 are other faces of links."""
+        n = len(self.resistances)
+        return tuple((j, 1) if j < n else (faces[j - n], -1) for j in self.with_law)
+
+    def by_gap(self, y: jax.Array) -> jax.Array:
+        """The values of the faces with a law."""
+        return y if len(self.with_law) == y.size else y[np.array(self.with_law, int)]
+
+    def flow_input(self, motion: tuple[jax.Array, ...], contact: Contact) -> FlowInput:
+        """The input of a flow from closings, velocities, pulls and their rise, by face.
+
+        ``contact`` is that of the gaps.
+        """
+        n = len(self.resistances)
+        closing, velocity, pull, rise, friction = (y[:n] for y in (*motion, self.frictions))
+        return FlowInput(
+            closing=closing,
+            velocity=velocity,
+            pull=pull,
+            rise=rise,
+            delassus=self.delassus,
+            friction=friction,
+            resistances=self.resistances,
+            sizes=self.by_gap(self.gaps),
+            laws=tuple(self.laws[j] for j in self.with_law),
+            contact=contact,
+        )
+
+    def by_face(self, result: FlowResult, faces: tuple[int, ...]) -> FlowResult:
+        """The result of a flow as faces see it; zeros of contact for those without a law."""
+        n, number = len(self.resistances), {j: gap for gap, j in enumerate(self.with_law)}
+        if not faces and len(number) == n:
+            return result
+        both = [*range(n), *faces]
+
+        def seen(y: jax.Array) -> jax.Array:
+            return seen_by_faces(y, faces)
+
+        def same(y: jax.Array) -> jax.Array:
+            return jnp.stack([y[k] for k in both])
+
+        def spread(y: jax.Array) -> jax.Array:
+            none = jnp.broadcast_to(0 * result.closing[0], y.shape[1:])
+            return jnp.stack([y[number[j]] if j in number else none for j in range(len(both))])
+
+        def of_turn(farthest: jax.Array, nearest: jax.Array) -> jax.Array:
+            return jnp.stack([*farthest, *(nearest[k] for k in faces)])
+
+        log, now = result.log, result.now
+        turned = {name: seen(getattr(log, name)) for name in ("first_turn", "last_turn")}
+        turned |= {name: same(getattr(log, name)) for name in ("turns", "between", "change_time")}
+        touched = {name: spread(getattr(log, name)) for name in GAPS_LOG}
+        highest_forces = jnp.pad(spread(log.highest_forces), ((0, 0), (0, len(faces))))
+        log = log._replace(
+            **turned,
+            **touched,
+            impacts=jax.tree.map(spread, log.impacts),
+            farthest=of_turn(log.farthest, -log.nearest),
+            farthest_time=of_turn(log.farthest_time, log.nearest_time),
+            nearest=of_turn(log.nearest, -log.farthest),
+            nearest_time=of_turn(log.nearest_time, log.farthest_time),
+            highest_forces=highest_forces,
+        )
+        now = MidStep(
+            closing=seen(now.closing),
+            velocity=seen(now.velocity),
+            friction=_of_links_alone(now.friction, faces),
+            held=same(now.held),
+            contact_force=spread(now.contact_force),
+            stored=spread(now.stored),
+            lost=spread(now.lost),
+        )
+        return FlowResult(
+            closing=seen(result.closing),
+            velocity=seen(result.velocity),
+            acceleration=seen(result.acceleration),
+            held=same(result.held),
+            mean=seen(result.mean),
+            contact=jax.tree.map(spread, result.contact),
+            stored=spread(result.stored),
+            lost=spread(result.lost),
+            now=now,
+            log=log,
+        )
 
     def response(
         self, held: jax.Array, pull: jax.Array, prescribed: jax.Array
@@ -140,6 +235,19 @@ def coupling(
         resistances=tuple(link.velocity_friction for link in of_group[:n]),
     )
     return constants, {mass: _of_links_alone(share, group.faces) for mass, share in shares.items()}
+
+
+def seen_by_faces(values: jax.Array, faces: tuple[int, ...]) -> jax.Array:
+    """Values of links, (n, ...), as their faces see them, (f, ...): the other ones in reverse."""
+    return jnp.stack([*values, *(-values[k] for k in faces)]) if faces else values
+
+
+def of_either_face(holds: jax.Array, faces: tuple[int, ...]) -> jax.Array:
+    """Faces, (f,), of links in which something holds for a face."""
+    by_face = [*holds]
+    for i, k in enumerate(faces, len(by_face) - len(faces)):
+        by_face[k] = by_face[i] = holds[k] | holds[i]
+    return jnp.stack(by_face) if faces else holds
 
 
 def _of_links_alone(values: jax.Array, faces: tuple[int, ...]) -> jax.Array:
@@ -264,10 +372,11 @@ def run_flow(group: Coupling, before: GroupStep) -> tuple[FlowResult, jax.Array]
     """The local flow of a group where it is needed, and whether its result is used."""
     state, h, needed = before.state, before.dt, is_flow_needed(group, before)
     motion = state.closing_before, before.velocity, before.pull, before.rise
-    inputs = group.flow_input(motion, state.contact)
+    inputs = group.flow_input(motion, jax.tree.map(group.by_gap, state.contact))
     begin = jnp.where(before.is_first & before.at_rest, h / 2, 0.0).astype(before.velocity.dtype)
     clock = records.Clock(before.time, begin, before.is_last)
-    result = flow(h, before.slots, needed, inputs, clock, before.faces)
+    result = flow(h, before.slots, group.sides(before.faces), needed, inputs, clock)
+    result = group.by_face(result, before.faces)
     # A single link that did not touch keeps its closed form.
     touched = ~(result.log.touched == 0).all()  # true for NaN
     is_shared = len(group.resistances) > 1 or group.has_resistance
