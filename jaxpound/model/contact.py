@@ -8,13 +8,12 @@ which they part over that at which they met. ``Newton`` has an impulse, all othe
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import Jaxpr, Var
 
 from jaxpound._checks import Range, hint
 from jaxpound._errors import InvalidInput
@@ -43,8 +42,10 @@ class ContactLaw(Protocol):
     finds where contact begins and ends. The force at speed 0 is evaluated, too: its work is stored
     energy, the rest of the work is lost.
 
-    Two more members are optional. ``tension``, a bool, says whether the force may pull while the
-    blocks are in contact; without it, or where it is False, the force is 0 instead. A law
+    Three more members are optional. ``tension``, a bool, says whether the force may pull while the
+    blocks are in contact; without it, or where it is False, the force is 0 instead. ``linear``, a
+    bool, says that the force is a sum of multiples of penetration, speed and touch speed: the run
+    then follows it by power series, else by a Runge–Kutta method, which is slower. A law
     whose damping depends on the mass has ``for_mass(effective_mass)``: a run calls it once for each
     link and takes the force of the law that it returns. Outside of runs the law's own ``force`` is
     that for effective mass 1. A law without ``for_mass`` does not get the mass.
@@ -92,7 +93,8 @@ def with_mass(law: Any, effective_mass: Any) -> Any:
     law = law if for_mass is None else for_mass(effective_mass)
     if isinstance(law, Newton | Hertz | _ForMass):
         return law
-    return unchecked(_Pressed, law=law, tension=may_pull(law), classes=node_classes(law))
+    flags = {"tension": may_pull(law), "linear": is_linear(law)}
+    return unchecked(_Pressed, law=law, classes=node_classes(law), **flags)
 
 
 def may_pull(law: Any) -> bool:
@@ -100,42 +102,9 @@ def may_pull(law: Any) -> bool:
     return bool(getattr(law, "tension", False))
 
 
-def is_affine(law: Any) -> bool:
-    """Whether the force is a constant plus multiples of penetration, speed and touch speed."""
-    force = law.law.force if isinstance(law, _Pressed) else law.force
-    number = jax.ShapeDtypeStruct((), jnp.result_type(float, *jax.tree.leaves(law)))
-    program = jax.make_jaxpr(lambda *state: jnp.asarray(force(*state)))(number, number, number)
-    return _affine_results(program.jaxpr, [True] * 3) is not None
-
-
-_LINEAR = {"add", "sub", "neg", "convert_element_type", "copy", "squeeze", "reshape"}
-
-
-def _affine_results(program: Jaxpr, varies: list[bool]) -> list[bool] | None:
-    """Which results vary with the arguments that do; None if not linearly."""
-    changing = {x for x, does in zip(program.invars, varies, strict=True) if does}
-    for step in program.eqns:
-        arguments = [isinstance(x, Var) and x in changing for x in step.invars]
-        if not any(arguments):
-            continue
-        name, results = step.primitive.name, [True] * len(step.outvars)
-        if name == "jit":
-            if (inner := _affine_results(step.params["jaxpr"].jaxpr, arguments)) is None:
-                return None
-            results = inner
-        elif not _is_linear_step(name, arguments):
-            return None
-        changing |= {x for x, does in zip(step.outvars, results, strict=True) if does}
-    return [isinstance(x, Var) and x in changing for x in program.outvars]
-
-
-def _is_linear_step(name: str, varies: list[bool]) -> bool:
-    """Whether an operation is linear in those of its arguments that vary."""
-    if name == "mul":
-        return not all(varies)
-    if name == "div":
-        return not varies[1]
-    return name in _LINEAR or (name == "select_n" and not varies[0])
+def is_linear(law: Any) -> bool:
+    """Whether a law says that its force is a sum of multiples of what it depends on."""
+    return bool(getattr(law, "linear", False))
 
 
 @pytree_dataclass
@@ -157,25 +126,24 @@ class Newton:
 
 
 class _DampedLaw(Batch):
-    """A law whose damping coefficient is computed once for an effective mass.
-
-    Its ``force`` is a function of ``stiffness`` and ``_damping``, by default for effective mass 1.
-    """
+    """A law whose damping coefficient is computed once for an effective mass."""
 
     stiffness: Any
     restitution: Any
+    _form: ClassVar[Callable[..., Any]]  # the force by stiffness, coefficient and a law's state
 
     def _damping_for(self: Any, effective_mass: Any) -> Any:
         return 2 * self.damping_ratio * jnp.sqrt(self.stiffness * effective_mass)
 
-    @property
-    def _damping(self) -> Any:
-        return self._damping_for(1.0)
-
     def for_mass(self, effective_mass: Any) -> ContactLaw:
         """The law for blocks of this effective mass."""
-        numbers = {"stiffness": self.stiffness, "_damping": self._damping_for(effective_mass)}
-        return unchecked(_ForMass, **numbers, law=type(self), tension=may_pull(self))
+        numbers = {"stiffness": self.stiffness, "damping": self._damping_for(effective_mass)}
+        flags = {"tension": may_pull(self), "linear": is_linear(self)}
+        return unchecked(_ForMass, **numbers, form=type(self)._form, **flags)
+
+    def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:
+        """The force; outside of runs for effective mass 1."""
+        return self.for_mass(1.0).force(penetration, speed, touch_speed)
 
 
 @pytree_dataclass
@@ -183,12 +151,28 @@ class _ForMass:
     """A law with its damping coefficient for an effective mass."""
 
     stiffness: Any
-    _damping: Any
-    law: Any = static()  # the class of the law, whose force reads the fields of this object
+    damping: Any
+    form: Callable[..., Any] = static()
     tension: bool = static()
+    linear: bool = static()
 
-    def force(self, *state: Any) -> Any:
-        return self.law.force(self, *state)
+    def force(self, penetration: Any, speed: Any, touch_speed: Any) -> Any:
+        return self.form(self.stiffness, self.damping, penetration, speed, touch_speed)
+
+
+def _spring_and_dashpot(k: Any, c: Any, penetration: Any, speed: Any, _: Any) -> Any:
+    return k * penetration + c * speed
+
+
+def _damped_hertz(k: Any, c: Any, penetration: Any, speed: Any, touch_speed: Any) -> Any:
+    met = touch_speed > 0
+    share = jnp.where(met, speed / jnp.where(met, touch_speed, 1.0), 0.0)
+    return _elastic(k, penetration) * (1 + c * share)
+
+
+def _hertz_damped_in_approach(k: Any, c: Any, penetration: Any, speed: Any, _: Any) -> Any:
+    dashpot = c * _power(penetration, lambda x: jnp.sqrt(jnp.sqrt(x)))
+    return _elastic(k, penetration) + dashpot * jnp.where(speed > 0, speed, 0.0)
 
 
 @pytree_dataclass
@@ -224,6 +208,8 @@ class KelvinVoigt(_DampedLaw):
     )
     restitution: Any = like(Newton, "restitution")
     tension: bool = static(default=False)
+    linear: ClassVar[bool] = True
+    _form = _spring_and_dashpot
 
     def __post_init__(self) -> None:
         if not isinstance(self.tension, bool | np.bool_):
@@ -237,10 +223,6 @@ class KelvinVoigt(_DampedLaw):
         """ζ, of the blocks on spring and dashpot."""
         decrement = -jnp.log(self.restitution)
         return decrement / jnp.sqrt(jnp.pi**2 + decrement**2)
-
-    def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:
-        """The force; outside of runs for effective mass 1."""
-        return self.stiffness * penetration + self._damping * speed
 
 
 @pytree_dataclass
@@ -302,6 +284,7 @@ class HertzDamped(_DampedLaw):
     stiffness: Any = like(Hertz, "stiffness")
     restitution: Any = like(Newton, "restitution")
     damping: str = static(default="exact")
+    _form = _damped_hertz
 
     def __post_init__(self) -> None:
         if self.damping not in [*_DAMPING_FACTORS]:
@@ -316,12 +299,6 @@ class HertzDamped(_DampedLaw):
 
     def _damping_for(self, effective_mass: Any) -> Any:
         return self.damping_factor
-
-    def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:
-        """The force; 0 without penetration."""
-        met = touch_speed > 0
-        share = jnp.where(met, speed / jnp.where(met, touch_speed, 1.0), 0.0)
-        return _elastic(self.stiffness, penetration) * (1 + self._damping * share)
 
 
 @pytree_dataclass
@@ -342,17 +319,13 @@ class Jankowski(_DampedLaw):
 
     stiffness: Any = like(Hertz, "stiffness")
     restitution: Any = like(Newton, "restitution")
+    _form = _hertz_damped_in_approach
 
     @property
     def damping_ratio(self) -> Any:
         """ζ."""
         e = self.restitution
         return 4.5 * 5**0.5 * (1 - e**2) / (e * (e * (9 * np.pi - 16) + 16))
-
-    def force(self, penetration: Any, speed: Any, touch_speed: Any) -> jax.Array:
-        """The force; outside of runs for effective mass 1."""
-        dashpot = self._damping * _power(penetration, lambda x: jnp.sqrt(jnp.sqrt(x)))
-        return _elastic(self.stiffness, penetration) + dashpot * jnp.where(speed > 0, speed, 0.0)
 
 
 @pytree_dataclass
@@ -361,6 +334,7 @@ class _Pressed:
 
     law: Any
     tension: bool = static()
+    linear: bool = static()
     classes: tuple[type, ...] = static()
 
     def force(self, penetration: Any, speed: Any, touch_speed: Any) -> Any:

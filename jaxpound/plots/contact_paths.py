@@ -17,9 +17,18 @@ from jaxpound.model.topology import elongation, link_groups
 from jaxpound.results.impacts import Impact
 from jaxpound.results.response import LinkResponse, Response
 from jaxpound.simulation.contact.events import FlowState
+from jaxpound.simulation.contact.forces import Constants
 from jaxpound.simulation.contact.group import Coupling, coupling
-from jaxpound.simulation.contact.local_flow import LocalFlow
-from jaxpound.simulation.contact.records import APART, CLIPPED, PRESSED, Clock, Contact, FlowInput
+from jaxpound.simulation.contact.local_flow import advance, start, unfinished, within
+from jaxpound.simulation.contact.records import (
+    APART,
+    CLIPPED,
+    PRESSED,
+    Clock,
+    Contact,
+    FlowInput,
+    Gaps,
+)
 from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.state import StepConstants
 
@@ -105,8 +114,9 @@ def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
             closing = np.stack([elongation(links[k].ends, x) for k in group.links], -1)
             responses = [response.links[k] for k in group.links]
             motion = response.time, closing, np.stack([pulls[k] for k in group.links], -1)
+            numbers = [group.links[j] for j in coupled.with_law]
             for m, points in _flows(motion, responses, coupled, group.faces):
-                steps |= {(k, m): points[:, :, j].T for j, k in enumerate(group.links)}
+                steps |= {(k, m): points[:, :, j].T for j, k in enumerate(numbers)}
     return steps
 
 
@@ -116,7 +126,7 @@ def _flows(
     group: Coupling,
     faces: tuple[int, ...],
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Numbers of the instants before contact, and the paths to the next, (points, 3, f).
+    """Numbers of the instants before contact, and the paths to the next, (points, 3, g).
 
     ``motion`` are times, and closings and pulls of the links, (n, f). A substep ends where a force
     is largest and where it jumps, with two points at the same time.
@@ -127,24 +137,27 @@ def _flows(
         columns = (getattr(link, name) for link in links)
         return np.stack([np.zeros(len(time)) if y is None else y for y in columns], -1)
 
-    depth, velocity, force = -series("gap"), series("slip_velocity"), series("contact")
-    modes = np.where(depth <= 0, APART, np.where(force == 0, CLIPPED, PRESSED))
-    met, gaps = series("touching").max(-1), group.gaps
-    none: Any = np.zeros(gaps.size)  # not 0 times the gaps, which may be infinite
+    gap, velocity, forces = series("gap"), series("slip_velocity"), series("contact")
+    modes = np.where(gap >= 0, APART, np.where(forces == 0, CLIPPED, PRESSED))
+    met, with_law = series("touching").max(-1), group.with_law
+    sizes = group.by_gap(group.gaps)
+    depth, force = -gap[:, with_law], forces[:, with_law]
+    none: Any = np.zeros(sizes.size)  # not 0 times the sizes, which may be infinite
     contact = Contact(*(none,) * len(Contact._fields))
+    h = float(time[1] - time[0])
     for m in np.flatnonzero(np.maximum(met[1:], met[:-1])).tolist():
         pulls = (pull[m] + pull[m + 1]) / 2, pull[m + 1] - pull[m]
-        contact = contact._replace(mode=modes[m])
+        contact = contact._replace(mode=jnp.asarray(modes[m, with_law]))
         inputs = group.flow_input((closing[m], velocity[m], *pulls), contact)
-        advance = partial(_advance, faces, float(time[1] - time[0]), inputs)
-        x, unfinished, _ = advance(None)
+        step = partial(_advance, group.sides(faces), h, inputs)
+        x, goes_on, _ = step(None)
         substeps = []
-        while unfinished:
-            x, unfinished, points = advance(x)
+        while goes_on:
+            x, goes_on, points = step(x)
             substeps.append(points)
         contact = x.contact
-        points = np.concatenate(substeps) + np.stack([none + time[m], -gaps, none])
-        share, ended = (points[:, 0] - time[m]) / (time[1] - time[0]), points[-1, 1:]
+        points = np.concatenate(substeps) + np.stack([none + time[m], -sizes, none])
+        share, ended = (points[:, 0] - time[m]) / h, points[-1, 1:]
         missing = np.zeros_like(ended)  # also where a gap is infinite
         np.subtract([depth[m + 1], force[m + 1]], ended, missing, where=ended[1] * force[m + 1] > 0)
         points[:, 1:] += share[:, None] * missing[None]
@@ -153,11 +166,15 @@ def _flows(
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _advance(
-    faces: tuple[int, ...], h: float, inputs: FlowInput, x: FlowState | None
+    gaps: Gaps, h: float, inputs: FlowInput, x: FlowState | None
 ) -> tuple[FlowState, jax.Array, jax.Array]:
     """The state after a substep is tried, whether more follow, and the points as far as it went."""
     zero = 0 * inputs.closing[0]
-    local = LocalFlow(h, 0, faces, inputs, Clock(zero, zero, zero > 0))
-    before, after = (local.start(),) * 2 if x is None else (x, local.advance(x))
-    times = jnp.linspace(0.0, 1.0, _POINTS) * (after.y[0, 0] - before.y[0, 0])
-    return after, local.unfinished(after), jax.vmap(partial(local.within, before))(times)
+    constants = Constants.of(h, 0, gaps, inputs, Clock(zero, zero, zero > 0))
+    before, after = (start(constants),) * 2 if x is None else (x, advance(constants, x))
+    times = jnp.linspace(0.0, 1.0, _POINTS) * (after.y.t - before.y.t)
+
+    def point(time: jax.Array) -> jax.Array:
+        return jnp.stack(jnp.broadcast_arrays(*within(constants, before, time)))
+
+    return after, unfinished(constants, after), jax.vmap(point)(times)

@@ -65,20 +65,19 @@ class ContactTally(NamedTuple):
                 since_touch=self.since_touch + 1,
                 since_end=self.since_end + 1,
             )
-        log = step.log
-        begins = (log.touches > 0) & (self.touches == 0)
+        begins = (step.touches > 0) & (self.touches == 0)
         return self._replace(
-            highest=larger(self.highest, log.highest),
-            strongest=larger(self.strongest, log.strongest),
-            touches=self.touches + log.touches,
-            first=jnp.where(begins, time + log.first_touch, self.first),
+            highest=larger(self.highest, step.highest),
+            strongest=larger(self.strongest, step.strongest),
+            touches=self.touches + step.touches,
+            first=jnp.where(begins, time + step.first_touch, self.first),
             lost=self.lost + step.lost_after,
             stored=self.stored + step.stored_after,
             lost_now=self.lost + step.lost,
             stored_now=self.stored + step.stored,
-            powers=self.powers + log.powers,
-            since_touch=jnp.where(log.touches > 0, 0.0, self.since_touch + 1),
-            since_end=jnp.where(log.ended > 0, 0.0, self.since_end + 1),
+            powers=self.powers + step.powers,
+            since_touch=jnp.where(step.touches > 0, 0.0, self.since_touch + 1),
+            since_end=jnp.where(step.ended > 0, 0.0, self.since_end + 1),
         )
 
 

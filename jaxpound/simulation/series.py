@@ -49,12 +49,12 @@ class StoredSeries(NamedTuple):
             if (contact := tallied.contact) is not None and link.gap is not None:
                 entries |= {
                     "contact": link.gap.force,
-                    "touching": link.gap.log.touched,
+                    "touching": link.gap.touched,
                     "contact_stored": contact.stored_now,
                     "contact_lost": contact.lost_now,
                     "slid": contact.slid,
                 }
-                impact = jax.tree.map(tuple, link.gap.log.impacts)
+                impact = jax.tree.map(tuple, link.gap.impacts)
             links.append(entries)
             impacts.append(impact)
         rods = zip(constants.rods, now.rods, strict=True)

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound.model.joints import Joint
+from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion
 
 
@@ -73,14 +74,30 @@ class Moved(NamedTuple):
 
 
 class GapStep(NamedTuple):
-    """The contact of a gap in a step with a flow."""
+    """The contact of gaps, (g,) each, in a step with a flow; see ``StepLog``."""
 
     force: jax.Array  # at t_m
     stored: jax.Array  # change of the energy stored in contact until t_m, and over the step
     stored_after: jax.Array
     lost: jax.Array  # energy lost by contact, likewise
     lost_after: jax.Array
-    log: Any  # a ``GapLog``
+    touched: jax.Array
+    touches: jax.Array
+    first_touch: jax.Array
+    ended: jax.Array
+    strongest: jax.Array
+    powers: jax.Array
+    highest: jax.Array
+    highest_time: jax.Array
+    highest_forces: jax.Array
+    impacts: Any
+
+    @staticmethod
+    def of(result: FlowResult) -> GapStep:
+        """That of the gaps of a flow."""
+        now, log = result.now, result.log
+        energies = now.stored, result.stored, now.lost, result.lost
+        return GapStep(now.contact_force, *energies, *(getattr(log, k) for k in GapStep._fields[5:]))
 
 
 class LinkInstant(NamedTuple):

@@ -201,31 +201,30 @@ class _SeenGroup(NamedTuple):
 
     @staticmethod
     def of(gaps: Gaps, links: Sequence[int], moved: Moved, flow: Flow | None) -> _SeenGroup:
-        joints = unstacked(moved)
-        forces, jumped = [joint.motion.force for joint in joints], [False] * len(joints)
-        used, steps, highest = False, dict[int, GapStep](), list[Jump]()
+        """Those of a group with its gaps, which are of these links."""
+        joints = unstacked(moved._replace(state=()))  # which has also numbers of the gaps
+        steps, used = list[GapStep](), jnp.zeros((), bool)
         if flow is not None:
-            used, result, log = flow.used, flow.result, flow.result.gap_log
-            at = result.now
-            steps = [] if not gaps else unstacked(GapStep(at.contact_force, at.stored, result.stored, at.lost, result.lost, log))
-            for (joint, side), step in zip(gaps, steps, strict=True):
-                forces[joint] = forces[joint] + side * step.force
-                jumped[joint] = jumped[joint] | (used & (step.log.highest_time != 0))
-            for step in steps:
-                hit = step.log.highest > 0
-                highest.append(
-                    Jump(
-                        jnp.where(hit, step.log.highest_time, 0.0),
-                        [jnp.where(hit, step.log.highest_forces[k], force) for k, force in enumerate(forces)],
-                    )
-                )
+            used = flow.used
+            steps = unstacked(GapStep.of(flow.result)) if gaps else []
+        forces, jumped = [joint.motion.force for joint in joints], [False & used] * len(joints)
+        for (joint, side), step in zip(gaps, steps, strict=bool(steps)):
+            forces[joint] = forces[joint] + side * step.force
+            jumped[joint] = jumped[joint] | (used & (step.highest_time != 0))
         jumps = []
-        for k, joint in enumerate(joints):
-            turns = joint.motion.turns & ~used
-            late = jnp.where(turns, joint.motion.turn_time, 0.0)
+        for number, joint in enumerate(joints):
+            turns, time = joint.motion.turns & ~used, joint.motion.turn_time
             for force in joint.motion.turn_forces:
-                jumps.append(Jump(late, [jnp.where(turns, force, f) if i == k else f for i, f in enumerate(forces)]))
-        return _SeenGroup(joints, forces, jumped, dict(zip(links, steps, strict=False)), (*jumps, *highest))
+                after = [*forces]
+                after[number] = jnp.where(turns, force, forces[number])
+                jumps.append(Jump(jnp.where(turns, time, 0.0), after))
+        for step in steps:
+            hits = step.highest > 0
+            pairs = zip(step.highest_forces, forces, strict=True)
+            highest = [jnp.where(hits, force, now) for force, now in pairs]
+            jumps.append(Jump(jnp.where(hits, step.highest_time, 0.0), highest))
+        by_link = dict(zip(links, steps, strict=bool(steps)))
+        return _SeenGroup(joints, forces, jumped, by_link, tuple(jumps))
 
 
 def may_need_flow(joints: Sequence[Joint], system: System) -> bool:

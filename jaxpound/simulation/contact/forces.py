@@ -1,200 +1,223 @@
-"""Forces in a group of links at an instant.
+"""Forces in joints that share masses, and in their gaps, at an instant.
 
-A group of n links has f ≥ n faces where gaps may close: one of each link, in the order of the
-links, then the other faces of some (``LinkGroup``). The other face of a link sees it from the other
-side: its closing and velocity are those of the link with the opposite sign.
+A joint has one closing s. Each of its gaps is on a side σ = ±1 of it, and sees the closing σ s; a
+contact force p in the gap adds σ p to the force on the joint.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jaxpound._extrema import larger, smaller
-from jaxpound.model.contact import Newton, is_affine, may_pull
-from jaxpound.simulation.contact.records import PRESSED, REST, Contact, FlowInput, is_deformed
+from jaxpound.model.contact import Newton, is_linear, may_pull
+from jaxpound.simulation.contact.records import (
+    PRESSED,
+    REST,
+    Clock,
+    Contact,
+    FlowInput,
+    Gaps,
+    is_deformed,
+)
+
+_STATIC = {"static": True}
+Motion = tuple[jax.Array, jax.Array, jax.Array]
+"""Time from the start of the step, and closings and velocities of the joints."""
 
 
 class Regime(NamedTuple):
-    """Quantities that are constant between events, (f,) each for f faces."""
+    """Quantities that are constant between events."""
 
-    slip: jax.Array  # direction of slip, 0 in stick
-    mode: jax.Array  # of contact
+    slip: jax.Array  # direction of slip of each joint, 0 in stick
+    mode: jax.Array  # of contact in each gap
     touch_speed: jax.Array  # of the contact under way
 
     @staticmethod
     def of(slip: jax.Array, contact: Contact) -> Regime:
-        """The regime of links that slip in a direction, and of their contact."""
+        """The regime of joints that slip in a direction, and of contact in their gaps."""
         return Regime(slip, contact.mode, contact.touch_speed)
 
     @property
-    def held(self) -> jax.Array:
-        """Whether the closing cannot change: stick, or rest in contact."""
-        return (self.slip == 0) | (self.mode == REST)
-
-    @property
     def deformed(self) -> jax.Array:
-        """Whether a law of contact stores energy."""
+        """Whether a law of contact stores energy, by gap."""
         return is_deformed(self.mode)
 
 
 class Forces(NamedTuple):
-    """Forces in links and the accelerations that they leave, (f,) each, as each face sees them."""
+    """Forces and the accelerations that they leave."""
 
-    acceleration: jax.Array  # s''
+    acceleration: jax.Array  # s'', (n,)
     friction: jax.Array  # q
-    contact: jax.Array  # p, of the face alone
-    total: jax.Array  # of the link, q + p of its faces
+    carried: jax.Array  # by friction, and by gaps that are closed at rest
+    total: jax.Array  # q and p of all gaps
+    contact: jax.Array  # p, (g,)
     raw: jax.Array  # of the laws, not clipped
     elastic: jax.Array  # the part of it that stores energy
 
 
-class LinkLaws:
-    """The laws of a group of n links and f faces, those of contact bound to effective masses.
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Constants:
+    """What is constant in a flow of n joints and g gaps.
 
     Where all forces of laws are linear and no friction depends on the velocity (``are_linear``),
     forces are linear in time, closings and velocities between events.
     """
 
-    def __init__(self, inputs: FlowInput, faces: tuple[int, ...]) -> None:
-        laws, self.faces, self.resistances = inputs.laws, faces, inputs.resistances
-        self.of_links, self.dtype = inputs.delassus, inputs.delassus.dtype
-        self.delassus = seen_by_faces(seen_by_faces(self.of_links, faces).T, faces)
-        self.friction, self.mass = inputs.friction, 1 / jnp.diagonal(self.delassus)
-        rigid = [isinstance(law, Newton) for law in laws]
-        self.forces = [None if isinstance(law, Newton) else law for law in laws]
-        self.has_contact, self.has_newton = any(law is not None for law in laws), any(rigid)
-        self.has_contact_force = any(law is not None for law in self.forces)
-        self.has_resistance = any(law is not None for law in self.resistances)
-        forces = [law for law in self.forces if law is not None]
-        self.are_linear = not self.has_resistance and all(map(is_affine, forces))
-        self.rigid = jnp.asarray(rigid)
-        self.has_law = jnp.asarray([law is not None for law in laws])
-        clips = [law is not None and not may_pull(law) for law in self.forces]
-        self.may_clip, self.clips = any(clips), jnp.asarray(clips)
-        self.gap = jnp.where(self.has_law, inputs.gap, 0.0)  # finite
-        restitutions = [law.restitution if isinstance(law, Newton) else 1.0 for law in laws]
-        self.restitution = jnp.stack([jnp.asarray(e, self.dtype) for e in restitutions])
+    inputs: FlowInput
+    clock: Clock
+    laws: list[Any]  # those of contact that have a force, by gap; None for Newton's
+    mass: jax.Array  # effective mass of each joint's ends, (n,)
+    h: float = field(metadata=_STATIC)
+    slots: int = field(metadata=_STATIC)  # impacts recorded for each gap
+    sides: np.ndarray | None = field(metadata=_STATIC)  # σ, (g, n); None if it is 1 (n, n)
+    rigid: np.ndarray = field(metadata=_STATIC)  # gaps with Newton's law
+    clips: np.ndarray = field(metadata=_STATIC)  # gaps whose law has a force that must not pull
+    has_resistance: bool = field(metadata=_STATIC)  # whether a friction grows with the velocity
+    are_linear: bool = field(metadata=_STATIC)
 
-    @property
-    def rate(self) -> jax.Array:
-        """Bound of the rates, frequencies and decays, of motions under linear laws, in 1/time."""
-        zero = jnp.zeros((), self.dtype)
-
-        def slopes_of(law: Any) -> tuple[jax.Array, jax.Array]:
-            def force(depth: jax.Array, speed: jax.Array) -> jax.Array:
-                return jnp.asarray(law.force(depth, speed, zero), self.dtype)
-
-            return jax.grad(force, (0, 1))(zero, zero)
-
-        laws = lax.stop_gradient(self.forces)
-        slopes = [(zero, zero) if law is None else slopes_of(law) for law in laws]
-        weights = [jnp.sqrt(jnp.abs(jnp.stack(of_laws))) for of_laws in zip(*slopes, strict=True)]
-        stiffness, damping = (
-            (weight[:, None] * jnp.abs(self.delassus) * weight[None]).sum(1).max()
-            for weight in weights
+    @staticmethod
+    def of(h: float, slots: int, gaps: Gaps, inputs: FlowInput, clock: Clock) -> Constants:
+        """The constants of a flow."""
+        laws = [None if isinstance(law, Newton) else law for law in inputs.laws]
+        joints, sides = np.arange(inputs.closing.size), np.array(gaps, int).reshape(-1, 2).T
+        matrix = np.where(sides[0][:, None] == joints, sides[1][:, None], 0)
+        has_resistance = any(law is not None for law in inputs.resistances)
+        return Constants(
+            inputs=inputs,
+            clock=clock,
+            laws=laws,
+            mass=1 / jnp.diagonal(inputs.delassus),
+            h=h,
+            slots=slots,
+            sides=None if np.array_equal(matrix, np.eye(joints.size)) else matrix,
+            rigid=np.array([law is None for law in laws], bool),
+            clips=np.array([law is not None and not may_pull(law) for law in laws], bool),
+            has_resistance=has_resistance,
+            are_linear=not has_resistance and all(law is None or is_linear(law) for law in laws),
         )
-        return damping / 2 + jnp.sqrt(damping**2 / 4 + stiffness)
 
     @property
-    def is_link(self) -> jax.Array:
-        """Whether a face stands for its link too: in friction, and in its turns."""
-        return jnp.arange(len(self.forces)) < len(self.resistances)
+    def dtype(self) -> Any:
+        """Type of all numbers."""
+        return self.inputs.closing.dtype
 
-    def of_links_alone(self, values: jax.Array) -> jax.Array:
-        """Values of links, 0 for their other faces."""
-        return jnp.where(self.is_link, values, 0.0) if self.faces else values
+    def seen(self, y: jax.Array) -> jax.Array:
+        """Closings or velocities of joints as their gaps see them."""
+        return y if self.sides is None else times(self.sides.astype(y.dtype), y)
 
-    def of_other_face(self, values: jax.Array, without: Any) -> jax.Array:
-        """The values of each link's other face, ``without`` where it has none."""
-        n, others = len(self.resistances), [jnp.asarray(without, values.dtype)] * len(self.forces)
-        for i, k in enumerate(self.faces):
-            others[k], others[n + i] = values[n + i], values[k]
-        return jnp.stack(others)
+    def on_joints(self, y: jax.Array) -> jax.Array:
+        """Forces or positions of gaps, as their joints see them."""
+        return y if self.sides is None else times(self.sides.T.astype(y.dtype), y)
 
-    def of_either_face(self, links: jax.Array) -> jax.Array:
-        """Faces of links in which something holds for a face."""
-        return of_either_face(links, self.faces)
+    def joints_where(self, holds: jax.Array) -> jax.Array:
+        """Joints of which something holds in a gap."""
+        return holds if self.sides is None else ((self.sides.T != 0) & holds[None]).any(-1)
+
+    def held(self, regime: Regime) -> jax.Array:
+        """Joints whose closing cannot change: in stick, or at rest in contact."""
+        held = regime.slip == 0
+        return held | self.joints_where(regime.mode == REST) if self.rigid.any() else held
 
     def inverse(self, regime: Regime) -> jax.Array:
-        """``held_inverse`` of the links in a regime."""
-        return held_inverse(self.of_links, regime.held[: len(self.resistances)])
-
-    def of_contact(self, s: jax.Array, w: jax.Array, regime: Regime) -> tuple[jax.Array, jax.Array]:
-        """Each law's force and its elastic part; zero for links without a law that has one.
-
-        For links that are apart, the force without penetration.
-        """
-        whole = [jnp.zeros((), self.dtype)] * len(self.forces)
-        elastic = whole.copy()
-        for j, law in enumerate(self.forces):
-            if law is not None:
-                depth = jnp.where(regime.deformed[j], s[j] - self.gap[j], 0.0)
-                speed = regime.touch_speed[j]
-                whole[j] = jnp.asarray(law.force(depth, w[j], speed), self.dtype)
-                elastic[j] = jnp.asarray(law.force(depth, 0 * w[j], speed), self.dtype)
-        return jnp.stack(whole), jnp.stack(elastic)
-
-    def growth(self, s: jax.Array, w: jax.Array, a: jax.Array, regime: Regime) -> jax.Array:
-        """dp/dt of each law's force, with acceleration ``a`` of the closing."""
-
-        def raw(s: jax.Array, w: jax.Array) -> jax.Array:
-            return self.of_contact(s, w, regime)[0]
-
-        return jax.jvp(raw, (s, w), (w, a))[1]
-
-    def resistance(self, w: jax.Array, slip: jax.Array) -> jax.Array:
-        """What the friction of each link gains with the velocity; 0 in stick."""
-        forces = [jnp.zeros((), self.dtype)] * len(self.resistances)
-        for k, law in enumerate(self.resistances):
-            if law is not None:
-                forces[k] = jnp.asarray(law.resistance(larger(slip[k] * w[k], 0.0)), self.dtype)
-        return slip[: len(forces)] * jnp.stack(forces)
-
-    def at(
-        self, pull: jax.Array, s: jax.Array, w: jax.Array, regime: Regime, inverse: jax.Array
-    ) -> Forces:
-        """The forces under a pull A; ``inverse`` is that of the links in this regime."""
-        zero, n = jnp.zeros_like(s), len(self.resistances)
-        raw, elastic = self.of_contact(s, w, regime) if self.has_contact_force else (zero, zero)
-        elastic = jnp.where(regime.deformed, elastic, 0.0)
-        contact = jnp.where(regime.mode == PRESSED, raw, 0.0)
-        on_links = contact
-        if self.faces:
-            on_links = (contact - self.of_other_face(contact, without=0.0))[:n]
-        held, sliding = regime.held[:n], (self.friction * regime.slip)[:n]
-        if self.has_resistance:
-            sliding += self.resistance(w, regime.slip)
-        held_or_not = response(self.of_links, inverse, held, pull[:n], sliding + on_links)
-        friction = jnp.where(held, held_or_not[1] - on_links, sliding)
-        seen = (*held_or_not, friction)
-        acceleration, total, friction = (seen_by_faces(y, self.faces) for y in seen)
-        if self.has_newton:
-            rest = regime.mode == REST
-            most = smaller(jnp.abs(friction), self.friction)
-            friction = jnp.where(self.of_either_face(rest), jnp.sign(friction) * most, friction)
-            contact = jnp.where(rest, total - friction, contact)
-        return Forces(acceleration, friction, contact, total, raw, elastic)
+        """``held_inverse`` of the joints in a regime."""
+        return held_inverse(self.inputs.delassus, self.held(regime))
 
 
-def seen_by_faces(values: jax.Array, faces: tuple[int, ...]) -> jax.Array:
-    """Values of links, (n, ...), as their faces see them, (f, ...): the other ones in reverse."""
-    return jnp.stack([*values, *(-values[k] for k in faces)]) if faces else values
+def largest_rate(constants: Constants) -> jax.Array:
+    """Bound of the rates, frequencies and decays, of motions under linear laws, in 1/time."""
+    zero = jnp.zeros((), constants.dtype)
+
+    def slopes_of(law: Any) -> tuple[jax.Array, jax.Array]:
+        def force(depth: jax.Array, speed: jax.Array) -> jax.Array:
+            return jnp.asarray(law.force(depth, speed, zero), constants.dtype)
+
+        return jax.grad(force, (0, 1))(zero, zero)
+
+    laws = lax.stop_gradient(constants.laws)
+    slopes = [(zero, zero) if law is None else slopes_of(law) for law in laws]
+    delassus = jnp.abs(constants.inputs.delassus)
+    if constants.sides is not None:
+        joints = constants.sides.nonzero()[1]
+        delassus = delassus[np.ix_(joints, joints)]
+    weights = [jnp.sqrt(jnp.abs(jnp.stack(by_gap))) for by_gap in zip(*slopes, strict=True)]
+    stiffness, damping = (
+        (weight[:, None] * delassus * weight[None]).sum(1).max() for weight in weights
+    )
+    return damping / 2 + jnp.sqrt(damping**2 / 4 + stiffness)
 
 
-def of_either_face(holds: jax.Array, faces: tuple[int, ...]) -> jax.Array:
-    """Faces, (f,), of links in which something holds for a face."""
-    by_face = [*holds]
-    for i, k in enumerate(faces, len(by_face) - len(faces)):
-        by_face[k] = by_face[i] = holds[k] | holds[i]
-    return jnp.stack(by_face) if faces else holds
+def law_forces(
+    constants: Constants, s: jax.Array, w: jax.Array, regime: Regime
+) -> tuple[jax.Array, jax.Array]:
+    """Each gap's force by its law and the elastic part of it; zero for Newton's law.
+
+    For gaps that are open, the force without penetration.
+    """
+    if constants.rigid.all():  # also of no gap
+        return (jnp.zeros(len(constants.laws), constants.dtype),) * 2
+    whole = [jnp.zeros((), constants.dtype)] * len(constants.laws)
+    elastic = whole.copy()
+    depths = jnp.where(regime.deformed, constants.seen(s) - constants.inputs.sizes, 0.0)
+    speeds = constants.seen(w)
+    for j, law in enumerate(constants.laws):
+        if law is not None:
+            depth, speed, touch_speed = depths[j], speeds[j], regime.touch_speed[j]
+            whole[j] = jnp.asarray(law.force(depth, speed, touch_speed), constants.dtype)
+            elastic[j] = jnp.asarray(law.force(depth, 0 * speed, touch_speed), constants.dtype)
+    return jnp.stack(whole), jnp.stack(elastic)
+
+
+def force_growth(
+    constants: Constants, s: jax.Array, w: jax.Array, a: jax.Array, regime: Regime
+) -> jax.Array:
+    """dp/dt of each law's force, with accelerations of the joints."""
+
+    def raw(s: jax.Array, w: jax.Array) -> jax.Array:
+        return law_forces(constants, s, w, regime)[0]
+
+    return jax.jvp(raw, (s, w), (w, a))[1]
+
+
+def forces_at(constants: Constants, motion: Motion, regime: Regime, inverse: jax.Array) -> Forces:
+    """The forces at an instant; ``inverse`` is that of the joints in this regime."""
+    inputs, (t, s, w) = constants.inputs, motion
+    pull = inputs.pull + inputs.rise * (t / constants.h - 0.5)
+    raw, elastic = law_forces(constants, s, w, regime)
+    elastic = jnp.where(regime.deformed, elastic, 0.0)
+    contact = jnp.where(regime.mode == PRESSED, raw, 0.0)
+    pressed, held = constants.on_joints(contact), constants.held(regime)
+    sliding = inputs.friction * regime.slip
+    if constants.has_resistance:
+        sliding += _resistance(inputs.resistances, w, regime.slip)
+    acceleration, total = response(inputs.delassus, inverse, held, pull, sliding + pressed)
+    carried = friction = jnp.where(held, total - pressed, sliding)
+    if constants.rigid.any():
+        rest = regime.mode == REST
+        most = smaller(jnp.abs(carried), inputs.friction)
+        limited = jnp.sign(carried) * most
+        friction = jnp.where(constants.joints_where(rest), limited, carried)
+        contact = jnp.where(rest, constants.seen(carried - friction), contact)
+    return Forces(acceleration, friction, carried, total, contact, raw, elastic)
+
+
+def _resistance(laws: tuple[Any, ...], w: jax.Array, slip: jax.Array) -> jax.Array:
+    """What the friction of each joint gains with the velocity; 0 in stick."""
+    forces = [jnp.zeros((), w.dtype)] * len(laws)
+    for k, law in enumerate(laws):
+        if law is not None:
+            forces[k] = jnp.asarray(law.resistance(larger(slip[k] * w[k], 0.0)), w.dtype)
+    return slip * jnp.stack(forces)
 
 
 def held_inverse(delassus: jax.Array, held: jax.Array) -> jax.Array:
-    """Inverse of the system of the forces that hold links: G in their rows, 1 in others."""
+    """Inverse of the system of the forces that hold joints: G in their rows, 1 in others."""
     rows = jnp.where(held[:, None], delassus, jnp.eye(held.size, dtype=delassus.dtype))
     return inverse_of(rows)
 
@@ -202,7 +225,7 @@ def held_inverse(delassus: jax.Array, held: jax.Array) -> jax.Array:
 def response(
     delassus: jax.Array, inverse: jax.Array, held: jax.Array, pull: jax.Array, prescribed: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Accelerations and forces under a pull where some links are held.
+    """Accelerations and forces under a pull where some joints are held.
 
     ``prescribed`` are those in the others; ``inverse`` is ``held_inverse``.
     """
@@ -210,7 +233,7 @@ def response(
     return jnp.where(held, 0.0, pull - times(delassus, forces)), forces
 
 
-def times(matrix: jax.Array, vector: jax.Array) -> jax.Array:
+def times(matrix: Any, vector: jax.Array) -> jax.Array:
     """Product of a small matrix and a vector, which is compiled as elementwise work is."""
     return (matrix * vector[None]).sum(-1)
 
@@ -228,9 +251,14 @@ def inverse_of(rows: jax.Array) -> jax.Array:
     return work[:, n:]
 
 
-def at_gaps(gaps, y):
-    return jnp.stack([y[j] * side for j, side in gaps])
+def at_gaps(gaps: Gaps, y: jax.Array) -> jax.Array:
+    """Closings, velocities or accelerations of joints as the gaps see them, (g,)."""
+    return jnp.stack([side * y[joint] for joint, side in gaps])
 
 
-def at_joints(gaps, holds, n):
-    return jnp.stack([sum([holds[i] for i, (k, _) in enumerate(gaps) if k == j], jnp.zeros((), bool)) for j in range(n)])
+def at_joints(gaps: Gaps, holds: jax.Array, n: int) -> jax.Array:
+    """Joints, (n,), of which something holds for a gap."""
+    by_joint = [jnp.zeros((), bool)] * n
+    for (joint, _), of_gap in zip(gaps, holds, strict=True):
+        by_joint[joint] = by_joint[joint] | of_gap
+    return jnp.stack(by_joint)

@@ -26,11 +26,9 @@ from jaxpound._extrema import larger
 from jaxpound.simulation.contact import forces, records
 from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.forces import at_gaps, at_joints, times
-from jaxpound.simulation.contact.records import APART, PRESSED, FlowInput, FlowResult
+from jaxpound.simulation.contact.records import APART, PRESSED, FlowInput, FlowResult, Gaps
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, LinkMotion, LinkStep
 from jaxpound.simulation.state import JointState, Moved, Now, Turns
-
-Gaps = tuple[tuple[int, int], ...]  # joint and side of each
 
 
 class Coupling(NamedTuple):
@@ -185,7 +183,7 @@ def run_flow(
     # A single joint that did not touch keeps its closed form.
     is_shared = before.closing.size > 1 or group.has_resistance
     if not is_shared:
-        needed = needed & ~(result.gap_log.touched == 0).all()  # true for NaN
+        needed = needed & ~(result.log.touched == 0).all()  # true for NaN
     return result, needed
 
 
@@ -212,7 +210,7 @@ def after_flow(
 
     The pull after the mean samples differs from that of the flow.
     """
-    result, at, log, change = flow.result, flow.result.now, flow.result.joint_log, pull - flow.pull
+    result, at, log, change = flow.result, flow.result.now, flow.result.log, pull - flow.pull
     gain, gain_now = (group.gained(held > 0, change) for held in (result.held, at.held))
     # No position correction while a contact force acts: the force would respond to it.
     pressed = at_joints(gaps, result.contact.mode == PRESSED, before.closing.size)
@@ -222,6 +220,7 @@ def after_flow(
     velocity, turned = result.velocity + h * gain, log.turns > 0
     closing = half + h / 2 * velocity + h**2 / 8 * (result.acceleration + gain)
     phase = jnp.where(result.held > 0, 0.0, jnp.sign(velocity))
+    farthest, nearest = (jnp.where(turned, y, closing_now) for y in (log.farthest, log.nearest))
     motion = LinkMotion(
         velocity=velocity,
         force=at.friction,
@@ -229,13 +228,20 @@ def after_flow(
         jump=closing - before.closing - h * velocity,
         turns=turned,
         turn_time=log.farthest_time,
-        turn=jnp.where(turned, log.farthest - closing_now, 0.0),
+        turn=farthest - closing_now,
         turn_forces=(at.friction, at.friction),
         phase=phase,
         change_time=log.change_time,
     )
     turns = Turns(
-        turned, log.first_turn, log.last_turn, log.between, log.farthest, log.farthest_time
+        turned,
+        log.first_turn,
+        log.last_turn,
+        log.between,
+        farthest,
+        log.farthest_time,
+        nearest,
+        log.nearest_time,
     )
     state = JointState(closing, velocity, phase, pull, half, result.contact)
     moved = Moved(closing_now, state, motion, turns)
@@ -253,7 +259,7 @@ def after_none(
     # From the closings at t_{m+1} those at the end of the kick.
     half = closing - h / 2 * motion.velocity - h**2 / 8 * gain
     state = JointState(closing, motion.velocity, motion.phase, pull, half, before.contact)
-    return Moved.of(before.closing, state, motion)
+    return Moved.by(motion, before.closing, state)
 
 
 def _is_undisturbed(

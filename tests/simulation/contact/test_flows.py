@@ -1,7 +1,7 @@
 """The local flow: free collisions under every law, and its derivatives."""
 
 import dataclasses
-import functools
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -21,22 +21,27 @@ AT_START = Clock(jnp.zeros(()), jnp.zeros(()), jnp.asarray(False))
 
 
 def start_of(law, velocity, gap, delassus=1.0, friction=0.0, pull=0.0, rise=0.0):
-    """Of a link, or of its faces if there are numbers of two."""
-    ones = jnp.ones(np.size(velocity))
-    numbers = {"velocity": velocity, "gap": gap, "friction": friction, "pull": pull, "rise": rise}
+    """Of a joint with a gap, or with several."""
+    unit, sizes = jnp.ones(1), jnp.asarray(gap, float).ravel()
+    numbers = {"velocity": velocity, "friction": friction, "pull": pull, "rise": rise}
     return FlowInput(
-        closing=0 * ones,
+        closing=0 * unit,
         delassus=delassus * jnp.ones((1, 1)),
-        laws=(with_mass(jax.tree.map(jnp.asarray, law), 1 / delassus),) * ones.size,
+        sizes=sizes,
+        laws=(with_mass(jax.tree.map(jnp.asarray, law), 1 / delassus),) * sizes.size,
         resistances=(None,),
-        contact=Contact(*(0 * ones,) * len(Contact._fields)),
-        **{name: number * ones for name, number in numbers.items()},
+        contact=Contact(*(0 * sizes,) * len(Contact._fields)),
+        **{name: number * unit for name, number in numbers.items()},
     )
 
 
-@functools.cache
+def follow(h, slots, start, gaps=((0, 1),), needed=True):
+    return flow(h, slots, gaps, jnp.asarray(needed), start, AT_START)
+
+
+@cache
 def collided():
-    return jax.jit(lambda start: flow(0.5, SLOTS, jnp.asarray(True), start, AT_START))
+    return jax.jit(lambda start: follow(0.5, SLOTS, start))
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -71,7 +76,7 @@ def test_derivatives_of_a_collision_with_friction_under_load(law):
     flat, rebuild = ravel_pytree(start)
 
     def out(x):
-        end = flow(0.25, SLOTS, jnp.asarray(True), rebuild(x), AT_START)
+        end = follow(0.25, SLOTS, rebuild(x))
         of_step = (end.closing, end.velocity, end.mean, end.lost, end.now.velocity)
         return jnp.concatenate([*of_step, end.log.farthest, end.log.highest])
 
@@ -110,7 +115,7 @@ def test_stick_ends_where_friction_that_has_changed_its_sign_reaches_the_slip_fo
 
     def end_velocity(slip_force):
         start = start_of(jp.Newton(0.5), 0.0, 10.0, friction=slip_force, pull=0.235, rise=0.53)
-        return flow(0.5, 0, jnp.asarray(True), start, AT_START).velocity[0]
+        return follow(0.5, 0, start).velocity[0]
 
     velocity, slope = jax.jit(jax.value_and_grad(end_velocity))(0.1)
     rate, slides = 0.53 / 0.5, 0.5 * (1 - 0.13 / 0.53)
@@ -138,7 +143,7 @@ class Spring:
 
 def speed_after(*law):
     start = start_of(Spring(*law), 1.0, 0.1)
-    return flow(0.5, 0, jnp.asarray(True), start, AT_START).now.velocity[0]
+    return follow(0.5, 0, start).now.velocity[0]
 
 
 @jax.tree_util.register_dataclass
@@ -161,9 +166,55 @@ class Softening(Hardening):
         return self.stiffness * penetration / (1 + self.factor * penetration**2)
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Backed:
+    """A spring before a stiffer one."""
+
+    stiffness: float
+    behind: float
+    distance: float
+
+    def force(self, penetration, speed, touch_speed):
+        beyond = jnp.where(penetration > self.distance, penetration - self.distance, 0.0)
+        return self.stiffness * penetration + self.behind * beyond
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_two_gaps_on_one_side_are_a_law_that_stiffens(side):
+    """A cushion before a wall, on either side of a joint whose gap on the other side stays open."""
+    laws = jp.KelvinVoigt(40.0, 1.0), jp.KelvinVoigt(400.0, 1.0), jp.Newton(1.0)
+    start = start_of(laws[0], 1.0, 0.1)
+    exact = jax.jit(partial(follow, 0.7, 0))(start._replace(laws=(Backed(40.0, 400.0, 0.05),)))
+    start = start_of(laws[0], 1.0 * side, [0.1, 0.15, 0.5])._replace(laws=laws)
+    gaps = ((0, side), (0, side), (0, -side))
+    end = jax.jit(partial(follow, 0.7, 0, gaps=gaps))(start)
+    np.testing.assert_allclose(side * end.closing, exact.closing, rtol=1e-7)
+    np.testing.assert_allclose(side * end.velocity, exact.velocity, rtol=1e-7)
+    turn = end.log.farthest if side > 0 else -end.log.nearest
+    np.testing.assert_allclose(turn, exact.log.farthest, rtol=1e-7)
+    assert end.log.touches.tolist() == [1, 1, 0]
+
+
+@jax.tree_util.register_dataclass
+class Stated(Spring):
+    """A law that says that its force is linear."""
+
+    linear = True
+
+
+def test_a_law_that_is_said_to_be_linear_is_followed_by_power_series():
+    ends = []
+    for law in (Stated(40.0), Spring(40.0)):
+        program = jax.jit(partial(follow, 0.5, 0)).lower(start_of(law, 1.0, 0.1))
+        assert ("tensor<16x16x" in program.as_text()) == (law == Spring(40.0))  # stages
+        ends.append(program.compile()(start_of(law, 1.0, 0.1)).velocity)
+    np.testing.assert_allclose(*ends, rtol=1e-7)
+
+
 def test_laws_of_two_classes_with_equal_numbers_have_programs_of_their_own():
     """A block meets one at unit speed, and turns where the work is its energy."""
-    deepest = jax.jit(lambda start: flow(1.0, 0, jnp.asarray(True), start, AT_START).log.farthest)
+    deepest = jax.jit(lambda start: follow(1.0, 0, start).log.farthest)
     laws = Hardening(40.0, 30.0), Softening(40.0, 30.0)
     x = np.array([float(deepest(start_of(law, 1.0, 0.0))[0]) for law in laws])
     work = 20 * x**2 * [1 + 15 * x[0] ** 2, np.log(1 + 30 * x[1] ** 2) / (30 * x[1] ** 2)]
@@ -211,7 +262,7 @@ def test_lanes_of_a_batch_are_followed_as_they_are_alone():
     law = jp.KelvinVoigt(1000.0, 0.65)
 
     def run(speed, need):
-        return flow(0.5, SLOTS, need, start_of(law, speed, 0.1), AT_START).velocity[0]
+        return follow(0.5, SLOTS, start_of(law, speed, 0.1), needed=need).velocity[0]
 
     many = jax.jit(jax.vmap(run))(speeds, needed)
     alone = [float(collided()(start_of(law, s, 0.1)).velocity[0]) for s in speeds]
