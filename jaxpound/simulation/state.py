@@ -14,7 +14,7 @@ from jaxpound.simulation.contact.group_flows import Groups, alike
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.inertance import Inerters
-from jaxpound.simulation.rods.law import RodLaw
+from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.rods.laws import law_of
 from jaxpound.simulation.scan import BlockForm
 
@@ -146,10 +146,15 @@ class Instant(NamedTuple):
     ground_acceleration: jax.Array
     x: tuple[jax.Array | None, ...]
     v: tuple[jax.Array | None, ...]
-    forces: tuple[jax.Array, ...]  # of the rods
+    rods: tuple[RodStep, ...]
     dissipated: tuple[jax.Array | None, ...]  # energy, by rods that yield
     links: tuple[LinkInstant, ...]
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
+
+    @property
+    def forces(self) -> tuple[jax.Array, ...]:
+        """The forces of the rods."""
+        return tuple(rod.force for rod in self.rods)
 
 
 def step_constants(

@@ -107,7 +107,8 @@ def step(
     dissipated = tuple(law.dissipated(rod) for law, rod in laws)
     x_now, v_now = of_free("x_now"), of_free("v_now")
     needs_flow = None if with_flows else need_flows(groups)
-    instant = Instant(time, acceleration, x_now, v_now, forces, dissipated, seen, needs_flow)
+    rods = tuple(rod_steps)
+    instant = Instant(time, acceleration, x_now, v_now, rods, dissipated, seen, needs_flow)
     return after, [rod.remembered for rod in rod_steps if rod.remembered is not None], instant
 
 

@@ -1,9 +1,11 @@
 """The scalars of a run, accumulated instant by instant.
 
 Events between instants count: the gap is smallest where the slip velocity vanishes, smooth
-series peak at the vertex of a parabola, and forces jump where slip ends. So the scalars and their
-derivatives are second-order accurate in the step. Exceptions are derivatives of accelerations that
-peak next to a jump of friction, and PGA and PGV, which are taken at the grid's instants.
+series peak at the vertex of a parabola, rods that yield where their elongation turns or yielding
+begins, and forces jump where slip ends. So the scalars and their derivatives are second-order
+accurate in the step. Exceptions are derivatives of accelerations that peak next to a jump of
+friction, accelerations at kinks of rods that yield, and PGA and PGV, which are taken at the grid's
+instants.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.peaks import GroundPeaks, Peak, Peaks, Sample
+from jaxpound.simulation.rods.law import RodStep
 from jaxpound.simulation.rods.yielding import time_until
 from jaxpound.simulation.starting import RunStart
 from jaxpound.simulation.state import Instant, RunState, StepConstants, each, of_all_masses
@@ -138,6 +141,13 @@ class _ObservedInstant(NamedTuple):
         return load + sum(sign * inertia[k] for k, sign in signs.items() if k in inertia)
 
 
+def _force(rod: RodStep, smooth: Any) -> Sample:
+    """A rod's force, and those at kinks since the last sample."""
+    if rod.kinked is not None:
+        smooth = False if rod.kinked is True else smooth & ~rod.kinked
+    return Sample(rod.force, smooth, [force for _, force in rod.reached])
+
+
 def _first_yield(
     limit: jax.Array, first: jax.Array, before: Peak, peak: Peak, time: jax.Array, dt: float
 ) -> jax.Array:
@@ -240,7 +250,7 @@ class Tally(NamedTuple):
             acceleration=self.acceleration.observe(
                 [*map(instant.acceleration, range(topology.n_masses))]
             ),
-            forces=self.forces.observe([Sample(force, smooth) for force in now.forces]),
+            forces=self.forces.observe([_force(rod, smooth) for rod in now.rods]),
             first_yields=each(
                 partial(_first_yield, time=now.time, dt=dt),
                 system.yield_displacements,
