@@ -31,6 +31,8 @@ class Peak(NamedTuple):
     def observe(self, y: jax.Array, smooth: jax.Array | bool = True) -> Peak:
         """The peak with one more sample; ``smooth`` says that no jump is among the last three."""
         rise = y - self.last
+        if smooth is False:
+            return Peak(larger(self.largest, jnp.abs(y)), y, rise, self.rise)
         # The parabola through them turns within half a step of the middle one. Where two of them
         # tie but for rounding, as in stick, a rise has no sign: the sample after the tie tells.
         limits = jnp.finfo(rise.dtype)

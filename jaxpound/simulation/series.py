@@ -58,7 +58,7 @@ class StoredSeries(NamedTuple):
             links.append(entries)
             impacts.append(impact)
         rods = zip(constants.rods, now.rods, strict=True)
-        dissipated = tuple(law.dissipated(rod) for law, rod in rods)
+        dissipated = tuple(law.dissipated(rod.state) for law, rod in rods)
         return StoredSeries(now.x, now.v, now.forces, dissipated, tuple(links), tuple(impacts))
 
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxpound.model.joints import Joint
 from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion
+from jaxpound.simulation.rods.law import RodStep
 
 
 class Now(NamedTuple):
@@ -164,8 +165,12 @@ class Instant(NamedTuple):
     ground: jax.Array  # u''
     x: tuple[jax.Array, ...]
     v: tuple[jax.Array, ...]
-    forces: tuple[jax.Array, ...]  # of the rods
-    rods: tuple[Any, ...]  # their states
+    rods: tuple[RodStep, ...]
     joints: tuple[SeenJoints, ...]
     links: tuple[LinkInstant, ...]
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
+
+    @property
+    def forces(self) -> tuple[jax.Array, ...]:
+        """The forces of the rods."""
+        return tuple(rod.force for rod in self.rods)

@@ -24,6 +24,7 @@ from jaxpound.simulation.constants import JointGroup, StepConstants
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.peaks import GroundPeaks, Peak, Peaks, Sample
+from jaxpound.simulation.rods.law import RodStep
 from jaxpound.simulation.rods.yielding import time_until
 from jaxpound.simulation.state import Instant, RunState
 
@@ -112,6 +113,13 @@ class _Observed(NamedTuple):
             ends += [joint.ends for joint in group.joints]
             acting += forces
         return load_on(mass, ends, acting) / system.masses[mass]
+
+
+def _force(rod: RodStep, smooth: Any) -> Sample:
+    """A rod's force, which is not smooth where its law has kinks."""
+    if rod.kinked is not None:
+        smooth = False if rod.kinked is True else smooth & ~rod.kinked
+    return Sample(rod.force, smooth, [force for _, force in rod.reached])
 
 
 def _first_yield(
@@ -205,7 +213,7 @@ class Tally(NamedTuple):
             ground=self.ground.observe(now.ground, dt, now.time <= 0),
             displacements=displacements,
             acceleration=self.acceleration.observe(accelerations),
-            forces=self.forces.observe([Sample(force, smooth) for force in now.forces]),
+            forces=self.forces.observe([_force(rod, smooth) for rod in now.rods]),
             first_yields=each(
                 partial(_first_yield, time=now.time, dt=dt),
                 system.yield_displacements,

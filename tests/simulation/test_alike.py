@@ -27,7 +27,9 @@ def rods():
     laws = [jp.BoucWen(0.1 * i, 0.05, 1.5, 0.4, 0.02) for i in (1.0, 2.0, 3.0)]
     laws.insert(1, jp.Bilinear(0.1, 0.05))
     cast = jax.tree.map(jnp.asarray, laws)
-    states = [HystereticState(law.start(0.2), jnp.asarray(0.2), jnp.asarray(0.06)) for law in cast]
+    states = [
+        HystereticState(law.start(0.2), jnp.asarray(0.2), jnp.asarray(0.06), None) for law in cast
+    ]
     moduli = (2.0, 3.0, 4.0, 5.0)
     constants = [Hysteretic(law, jnp.asarray(k)) for law, k in zip(cast, moduli, strict=True)]
     ends = (0.27, 0.1, 0.19, 0.3)

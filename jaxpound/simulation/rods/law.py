@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,6 +17,8 @@ class RodStep(NamedTuple):
     kick: Any  # the mean force over the kick, from t_m − h/2 to t_m + h/2
     state: Any
     remembered: Any = None  # c_m, of a rod with a history
+    kinked: Any = None  # whether its slope may jump among the last three samples; None if never
+    reached: tuple[tuple[Any, Any], ...] = ()  # (steps after t_m, force) since t_{m−1}, at kinks
 
 
 class RodLaw:
@@ -80,56 +83,71 @@ class Spring(RodLaw):
 @register_dataclass
 @dataclass(frozen=True)
 class Sum(RodLaw):
-    """Laws beside each other, of which one may have a history and one may yield."""
+    """Laws beside each other, of which one may have a history and one may yield.
+
+    Its state has those of the parts, and the force of all that are smooth.
+    """
 
     parts: tuple[RodLaw, ...]
 
     @property
     def order(self) -> Any:
         """The order of the part that has a history."""
-        return self._one("order")
+        return _single(part.order for part in self.parts)
 
     @property
     def yield_displacement(self) -> Any:
         """The elongation where the part that yields does so first."""
-        return self._one("yield_displacement")
+        return _single(part.yield_displacement for part in self.parts)
 
     @property
     def is_long(self) -> bool:  # type: ignore[override]
         """Whether one of the parts has many operations."""
         return any(part.is_long for part in self.parts)
 
-    def _one(self, name: str) -> Any:
-        numbers = (getattr(part, name) for part in self.parts)
-        return next((x for x in numbers if x is not None), None)
-
     def start(self, elongation: jax.Array, change: jax.Array) -> Any:
         """The states of all parts."""
-        return tuple(part.start(elongation, change) for part in self.parts)
+        return tuple(part.start(elongation, change) for part in self.parts), 0 * elongation
 
     def step(
         self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
     ) -> RodStep:
-        """All parts at t_m."""
+        """All parts at t_m; smooth forces are linear between samples, to second order."""
+        states, last = before
         steps = [
             part.step(state, elongation, total, is_first, mean)
-            for part, state in zip(self.parts, before, strict=True)
+            for part, state in zip(self.parts, states, strict=True)
         ]
-        forces, kicks, states, remembered = zip(*steps, strict=True)
-        c = next((c for c in remembered if c is not None), None)
-        return RodStep(sum(forces), sum(kicks), states, c)
+        smooth = sum(step.force for step in steps if step.kinked is None)
+        return RodStep(
+            force=sum(step.force for step in steps),
+            kick=sum(step.kick for step in steps),
+            state=(tuple(step.state for step in steps), smooth),
+            remembered=_single(step.remembered for step in steps),
+            kinked=_single(step.kinked for step in steps),
+            reached=tuple(
+                (late, force + smooth + (smooth - last) * late)
+                for step in steps
+                for late, force in step.reached
+            ),
+        )
 
     def dissipated(self, state: Any) -> Any:
         """What the parts dissipate that know it."""
-        energies = [part.dissipated(x) for part, x in zip(self.parts, state, strict=True)]
+        energies = [part.dissipated(x) for part, x in zip(self.parts, state[0], strict=True)]
         return sum(energy for energy in energies if energy is not None)
 
     def scalars(self, end: Any, largest: jax.Array, last: jax.Array) -> dict[str, jax.Array]:
         """The scalars of all parts."""
         scalars = dict[str, jax.Array]()
-        for part, state in zip(self.parts, end, strict=True):
+        for part, state in zip(self.parts, end[0], strict=True):
             scalars |= part.scalars(state, largest, last)
         return scalars
+
+
+def _single(numbers: Iterable[Any]) -> Any:
+    """The number that is not None, if there is one."""
+    return next((x for x in numbers if x is not None), None)
 
 
 def once(tree: Any, number: jax.Array) -> Any:

@@ -24,9 +24,19 @@ from jaxpound._extrema import larger, smaller
 from jaxpound.model.hysteresis import Bilinear, Plastic
 
 
+class Turn(NamedTuple):
+    """Where the elongation turns in a step, or begins it."""
+
+    late: jax.Array  # in steps after t_m; −1 where it does not turn
+    direction: jax.Array  # of the elongation after it, 1 or −1
+    elongation: jax.Array
+    of_law: Any  # state
+
+
 class _SliderPath(NamedTuple):
     speed: jax.Array  # of the elongation at the end
     turns: jax.Array  # whether it turns
+    at_turn: jax.Array  # elongation there, or at the start
     ratio: jax.Array  # r, 0 if it does not
     turned: jax.Array  # p at the turn
     place: jax.Array  # p at the end
@@ -44,12 +54,14 @@ def has_slider(law: Any) -> bool:
 
 def slider_step(
     law: Bilinear, before: Plastic, last: Any, change: Any, gain: Any, e: Any
-) -> tuple[Plastic, jax.Array]:
-    """A bilinear rod after a step, and its kink; see ``yielding.followed``."""
-    place, slid, kink = _step(law.yield_displacement, before.elongation, last, change, gain, e)
+) -> tuple[Plastic, jax.Array, Turn]:
+    """A bilinear rod after a step, its kink, and the turn; see ``yielding.followed``."""
+    numbers = law.yield_displacement, before.elongation, last, change, gain, e
+    place, slid, kink, late, way, at_turn, turned = _step(*numbers)
     soft = 1 - law.hardening
     work = soft * law.yield_displacement * slid
-    return Plastic(place, before.dissipated + work), soft * kink
+    turn = Turn(late, way, at_turn, before._replace(elongation=turned))
+    return Plastic(place, before.dissipated + work), soft * kink, turn
 
 
 @jax.custom_jvp
@@ -61,7 +73,8 @@ def _path(e_y: Any, place: Any, last: Any, change: Any, gain: Any, e: Any) -> _S
     speed = change + gain / 2
     turns = speed * (speed - gain) < 0
     ratio = jnp.where(turns, speed / jnp.where(turns, gain, 1.0), 0.0)
-    turned = _followed(place, jnp.where(turns, e - speed * ratio / 2, last), e_y)
+    at_turn = jnp.where(turns, e - speed * ratio / 2, last)
+    turned = _followed(place, at_turn, e_y)
     way = jnp.where(speed < 0, -1.0, 1.0).astype(e.dtype)
     room = way * (turned - e) + e_y
     square = speed**2 + 2 * way * gain * room
@@ -70,23 +83,25 @@ def _path(e_y: Any, place: Any, last: Any, change: Any, gain: Any, e: Any) -> _S
     time = 2 * room / (jnp.abs(speed) + speed_then)
     left = jnp.where(passes, larger(0.5 - jnp.abs(time), 0.0), 0.0)
     place = _followed(turned, e, e_y)
-    return _SliderPath(speed, turns, ratio, turned, place, way, room, speed_then, time, left)
+    path = speed, turns, at_turn, ratio, turned, place, way, room, speed_then, time, left
+    return _SliderPath(*path)
 
 
 def _followed(place: jax.Array, e: jax.Array, e_y: jax.Array) -> jax.Array:
     return larger(smaller(place, e + e_y), e - e_y)
 
 
-def _outcome(place: jax.Array, x: _SliderPath) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """The place at the end, the distance slid, and the place less its mean over the kick."""
+def _outcome(place: jax.Array, x: _SliderPath) -> tuple[jax.Array, ...]:
+    """The place at the end, the distance slid, the place less its mean over the kick; the turn."""
     slid = jnp.abs(x.turned - place) + jnp.abs(x.place - x.turned)
     # As a quotient XLA computes it once; it computes products again for each use.
-    return x.place, slid, x.way * (x.speed_then * x.left) ** 2 / (2 * x.speed_then)
+    kink = x.way * (x.speed_then * x.left) ** 2 / (2 * x.speed_then)
+    return x.place, slid, kink, jnp.where(x.turns, -x.ratio, -1.0), x.way, x.at_turn, x.turned
 
 
 @_step.defjvp
 def _(primals: Any, tangents: Any) -> tuple[Any, Any]:
-    _, place, _, _, gain, _ = primals
+    _, place, _, _, gain, e = primals
     d_e_y, d_place, d_last, d_change, d_gain, d_e = tangents
     x, d_speed = _path(*primals), d_change + d_gain / 2
     d_at_turn = jnp.where(x.turns, d_e - x.ratio * d_speed + x.ratio**2 / 2 * d_gain, d_last)
@@ -100,4 +115,6 @@ def _(primals: Any, tangents: Any) -> tuple[Any, Any]:
     by_gain = share * x.room + late * x.time / 2
     d_room = x.way * (d_turned - d_e) + d_e_y
     d_kink = by_room * d_room + by_speed * d_speed + by_gain * d_gain
-    return _outcome(place, x), (d_end, d_slid, d_kink)
+    d_late = jnp.where(x.turns, -(d_speed - x.ratio * d_gain) / jnp.where(x.turns, gain, 1.0), 0.0)
+    slopes = d_end, d_slid, d_kink, d_late, jnp.zeros_like(e), d_at_turn, d_turned
+    return _outcome(place, x), slopes

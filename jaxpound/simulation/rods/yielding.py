@@ -13,7 +13,7 @@ and so an error of order h in derivatives. τ is a root of the same parabola.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -29,7 +29,10 @@ from jaxpound._fields import rules
 from jaxpound.model.hysteresis import HysteresisLaw
 from jaxpound.model.system import Rod
 from jaxpound.simulation.rods.law import RodLaw, RodStep, once
-from jaxpound.simulation.rods.slider import has_slider, slider_step
+from jaxpound.simulation.rods.slider import Turn, has_slider, slider_step
+
+_MIXED = 2  # phase of a step in which the slope of the force jumps
+_THROUGHOUT = 1 - 1e-3  # share of a step from which it is all of it
 
 
 class HystereticState(NamedTuple):
@@ -38,15 +41,20 @@ class HystereticState(NamedTuple):
     of_law: Any
     elongation: jax.Array
     change: jax.Array  # of the elongation since the instant before
+    phase: Any  # of the step before: 0 elastic, ±1 yielding in a direction, or ``_MIXED``
 
 
 @register_dataclass
 @dataclass(frozen=True)
 class Hysteretic(RodLaw):
-    """A rod with a law of hysteresis, f_m = K r(e_m)."""
+    """A rod with a law of hysteresis, f_m = K r(e_m).
+
+    Alone its force peaks only where the elongation turns or yielding begins.
+    """
 
     law: Any
     modulus: Any  # K
+    is_alone: bool = field(default=True, metadata={"static": True})
 
     @property
     def yield_displacement(self) -> Any:
@@ -70,7 +78,8 @@ class Hysteretic(RodLaw):
 
     def start(self, elongation: jax.Array, change: jax.Array) -> HystereticState:
         """A new rod that has been stretched to the elongation in one direction."""
-        return HystereticState(self.law.start(elongation), self.within(elongation), change)
+        phase = None if self.is_alone else jnp.zeros_like(elongation, jnp.int8)
+        return HystereticState(self.law.start(elongation), self.within(elongation), change, phase)
 
     def step(
         self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
@@ -80,16 +89,36 @@ class Hysteretic(RodLaw):
         change = e - last if is_first is None else jnp.where(is_first, before.change, e - last)
         path = last, change, change - before.change, e
         if has_slider(law):
-            state, kink = slider_step(law, before.of_law, *path)
+            state, kink, turn = slider_step(law, before.of_law, *path)
         else:
-            state, kink = once(followed(self, before.of_law, *path), self.modulus)
+            state, kink, turn = once(followed(self, before.of_law, *path), self.modulus)
         force_at, sample = state, e
         if mean is not None:
             sample = self.within(mean)
             force_at = law.advance(state, e, sample)
         force = self.modulus * law.reduced_force(sample, force_at)
-        now = HystereticState(state, e, change)
-        return RodStep(force, force - self.modulus * kink, now)
+        reached, phase = self._reached(turn, e)
+        step = RodStep(force, force - self.modulus * kink, None, None, True, reached)
+        if self.is_alone:
+            return step._replace(state=HystereticState(state, e, change, None))
+        slides = law.dissipated(state) != law.dissipated(before.of_law)
+        phase = jnp.where(slides, phase, 0).astype(jnp.int8)
+        kinked = (phase != before.phase) | (phase == _MIXED)
+        return step._replace(state=HystereticState(state, e, change, phase), kinked=kinked)
+
+    def _reached(self, turn: Turn, e: jax.Array) -> tuple[Any, jax.Array]:
+        """Steps after t_m and force, at kinks of a step; and its phase if the rod yields in it."""
+        law, (late, direction, at_turn, turned) = self.law, turn
+        reached, mixed = [(late, self.modulus * law.reduced_force(at_turn, turned))], late > -1
+        if hasattr(law, "kink"):
+            change, (at_kink, _) = e - at_turn, law.kink(turned, direction)
+            moves = direction * change > 0
+            after = jnp.where(moves, (e - at_kink) / jnp.where(moves, change, 1.0), 0.0)
+            mixed |= after < _THROUGHOUT
+            begins = (after > 0) & (after < 1)
+            numbers = late * after, self.modulus * law.reduced_force(at_kink, turned)
+            reached.append(jax.tree.map(partial(jnp.where, begins), numbers, reached[0]))
+        return tuple(reached), jnp.where(mixed, _MIXED, jnp.where(direction < 0, -1, 1))
 
     def dissipated(self, state: HystereticState) -> jax.Array:
         """Energy that the rod has dissipated by yielding."""
@@ -133,8 +162,8 @@ def time_until(room: jax.Array, speed: jax.Array, gain: jax.Array) -> tuple[jax.
 
 def followed(
     rod: Hysteretic, before: Any, last: Any, change: Any, gain: Any, e: Any
-) -> tuple[Any, jax.Array]:
-    """The state of a law after a step, and its kink: what the mean of −r over the kick lacks.
+) -> tuple[Any, jax.Array, Turn]:
+    """The state of a law after a step, what the mean of −r over the kick lacks, and the turn.
 
     The elongation was ``last`` and is e; it changed by ``change``, which is more than a step before
     by ``gain``.
@@ -142,17 +171,19 @@ def followed(
     law, k = rod.law, rod.modulus
     speed = once(change + gain / 2, k)  # at t_m; at t_{m−1} it was less by the gain
     turns = speed * (speed - gain) < 0
-    at_turn = jnp.where(turns, e - speed**2 / (2 * jnp.where(turns, gain, 1.0)), last)
+    divisor = jnp.where(turns, gain, 1.0)
+    at_turn = jnp.where(turns, e - speed**2 / (2 * divisor), last)
     turned = once(law.advance(before, last, at_turn), k)
     state = law.advance(turned, at_turn, e)
-    if not hasattr(law, "kink"):
-        return state, jnp.zeros_like(e)
     direction = jnp.where(speed < 0, -1.0, 1.0).astype(e.dtype)
+    turn = Turn(jnp.where(turns, -speed / divisor, -1.0), direction, at_turn, turned)
+    if not hasattr(law, "kink"):
+        return state, jnp.zeros_like(e), turn
     place, jump = law.kink(turned, direction)
     time, then = time_until(direction * (place - e), jnp.abs(speed), direction * gain)
     missed = (0.5 - jnp.abs(time)) ** 2 / 2
     inside = (jnp.abs(time) < 0.5) & (then > 0)
-    return state, jnp.where(inside, -jump * direction * then * missed, 0.0)
+    return state, jnp.where(inside, -jump * direction * then * missed, 0.0), turn
 
 
 class CyclicTest(NamedTuple):

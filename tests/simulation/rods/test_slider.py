@@ -29,13 +29,13 @@ def steps(dtype):
 
 def in_closed_form(e_y, hardening, place, *path):
     law = jp.Bilinear(e_y, hardening)
-    state, kink = slider_step(law, Plastic(place, 0 * place), *path)
+    state, kink, _ = slider_step(law, Plastic(place, 0 * place), *path)
     return jnp.stack([state.elongation, state.dissipated, kink])
 
 
 def by_the_rules(e_y, hardening, place, *path):
     rod = Hysteretic(jp.Bilinear(e_y, hardening), jnp.ones_like(e_y))
-    state, kink = followed(rod, Plastic(place, 0 * place), *path)
+    state, kink, _ = followed(rod, Plastic(place, 0 * place), *path)
     return jnp.stack([state.elongation, state.dissipated, kink])
 
 

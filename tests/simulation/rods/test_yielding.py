@@ -187,6 +187,50 @@ def test_a_half_sine_yields_and_unloads_when_it_must():
     assert jnp.max(jnp.abs(response.f1)) <= 36e3 * (1 + 1e-12)
 
 
+def test_no_force_exceeds_the_limit_of_an_elastoplastic_rod():
+    """In two storeys, in a brace with a friction damper, and under a sudden force (Biggs 1964)."""
+    grid, steel = jp.TimeGrid.until(10.0, 0.04), jp.ZenerRod(0.5, 0.01, 0.05)
+
+    @jax.jit
+    @jax.vmap
+    def of_limit(e_y, stiffness, amplitude):
+        weak = jp.Rod(jp.Bilinear(e_y), stiffness)
+        frame = replace(weak, material=steel, ends=(0, jp.GROUND))
+        braced = jp.System((1.0,), (replace(weak, ends=(0, jp.GROUND)), frame))
+        block = jp.Storeys((1.0,), weak)
+        ricker = jp.Ricker(amplitude, (2.0,), (1.5,))
+        runs = (jp.Storeys((1.0, 0.8), weak), ricker), (braced, ricker), (block, lambda t: t**0)
+        peaks = [jp.demand(*run, grid).rods[0].peak_force for run in runs]
+        return jnp.stack(peaks) / (stiffness * e_y)
+
+    random = np.random.default_rng(0)
+    peaks = of_limit(*random.uniform([[0.01], [5.0], [0.2]], [[0.1], [100.0], [1.0]], (3, 48)))
+    assert peaks.max() < 1 + 1e-11  # rounding of elongations that are far beyond yield
+    assert ((peaks > 1 - 1e-11).mean(0) > 0.3).all()
+
+
+@pytest.mark.parametrize("law", ["hardening", "softening", "beside a damper"])
+def test_peak_forces_are_of_second_order(law):
+    """They are reached where the elongation turns, where the rod yields, or in between."""
+    rod, e_y = ONE.rods[0], CASES["one_bilinear"]["system"]["rods"][0]["ey"]
+    materials = {
+        "hardening": rod.material,
+        "softening": jp.Bilinear(e_y, -0.02, 1.0),
+    }
+    damped = jp.YieldingZener(jp.ZenerRod(1.0, 0.001, 0.01), materials["softening"])
+    materials["beside a damper"] = damped
+    system = replace(ONE, rods=(replace(rod, material=materials[law]), ONE.rods[1]))
+    grid = jp.TimeGrid.until(16 * 16.0, 0.04)
+
+    def peak_in(unit):
+        return jp.demand(*in_unit_of_time(unit, system, ONE_GROUND), grid).rods[0].peak_force
+
+    units = 1 / np.array([1.0, 2.0, 16.0])
+    coarse, fine, exact = jax.jit(jax.vmap(peak_in))(units) / units**2
+    assert abs(coarse - exact) < 2e-3 * exact
+    assert abs(fine - exact) < abs(coarse - exact) / 3
+
+
 def test_a_run_that_diverges_has_collapsed_and_is_finite():
     softening = replace(ONE.rods[0], material=jp.Bilinear(0.0315, -0.2, 0.3))
     system = replace(ONE, rods=(softening, ONE.rods[1]))
