@@ -5,8 +5,8 @@
 step, ``scan`` the loop over time, ``state`` what a step hands to the next. A link that is alone
 slides by ``coulomb`` in closed form; the package ``contact`` follows links that touch or share
 masses through the step, from event to event. ``tally``, and ``link_tally`` for links,
-accumulates the scalars. ``batches`` has many runs at once, ``buildings`` runs in SI units.
-``docs/numerics.md`` has the equations.
+accumulates the scalars. ``buildings`` has runs in SI units; ``jaxpound._xla`` makes
+the programs of all of them fast. ``docs/numerics.md`` has the equations.
 """
 
 import lazy_loader

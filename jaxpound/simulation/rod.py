@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, real
+from jaxpound._xla import plan
 from jaxpound.model.rod import ZenerRod
 from jaxpound.simulation.history import HistorySum, ModalHistory
 from jaxpound.simulation.scan import scan_with_history
@@ -70,7 +71,7 @@ def rod_law(rod: ZenerRod, modulus: ArrayLike, dt: float, order: int) -> RodLaw:
 
 def rod_step(law: RodLaw, excess: jax.Array, total: jax.Array, x: jax.Array) -> RodStep:
     """Force f_m from K x_{m−1} − f_{m−1}, S_m and x_m; then K x_m − f_m, and c_m to remember."""
-    # Kept as a division: XLA computes a quotient once, but a product again wherever f is used.
+    # Kept as a quotient, which XLA computes once: see ``_xla.quotients``.
     f = (law.stiffness * x + law.lag * excess + law.memory * total) / law.divisor
     return RodStep(f, law.modulus * x - f, law.modulus * law.tau_x * x - law.tau_f * f)
 
@@ -140,7 +141,8 @@ def rod_force(
         return excess, [c], f
 
     rest = jnp.zeros((), dtype)
-    return scan_with_history(advance, rest, x.size - 1, [rod.order], history, x)[1]
+    laid_out = plan.choice()(plan.Work(elements=1))
+    return scan_with_history(advance, rest, x.size - 1, [rod.order], history, x, laid_out)[1]
 
 
 def nyquist_stiffness(rod: ZenerRod, modulus: ArrayLike, dt: ArrayLike, order: int) -> Any:

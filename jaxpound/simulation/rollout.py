@@ -16,12 +16,15 @@ from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jax import lax
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold
 from jaxpound._fields import node_classes, rules
+from jaxpound._xla import plan
+from jaxpound._xla.batches import spread, without_mesh
+from jaxpound._xla.derivatives import recomputed
+from jaxpound._xla.plan import Choice
+from jaxpound._xla.quotients import differentiated_with, unknown
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion
 from jaxpound.ground.run_input import as_run
@@ -32,9 +35,7 @@ from jaxpound.model.topology import Topology, elongation, load_on
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
 from jaxpound.simulation import state as run_state
-from jaxpound.simulation.batches import spread, without_mesh
 from jaxpound.simulation.contact.group import may_flow
-from jaxpound.simulation.contact.group_flows import FLOW
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
 from jaxpound.simulation.starting import RunStart
@@ -63,7 +64,6 @@ class Rollout(NamedTuple):
         self,
         observe: Callable[[Any, Instant, jax.Array], tuple[Any, Any]],
         start: Any,
-        segmented: bool = False,
     ) -> tuple[tuple[RunState, Any], Any]:
         """The run with ``observe`` at every instant.
 
@@ -78,9 +78,8 @@ class Rollout(NamedTuple):
             result, stored = observe(result, now, inputs[1])
             return (state, result), c, stored if with_flows else (stored, now.needs_flow)
 
-        short = partial(step, False) if self.constants.has_shortcut and not segmented else None
-        start = self.start, start
-        return self.scan(partial(step, True), start, segmented=segmented, short=short)
+        short = partial(step, False) if self.constants.groups else None
+        return self.scan(partial(step, True), (self.start, start), short=short)
 
     @staticmethod
     def of(
@@ -88,21 +87,21 @@ class Rollout(NamedTuple):
         ground: Ground,
         grid: TimeGrid,
         scheme: Scheme,
+        choice: Choice,
         extra: Any = None,
         extra_rules: Callable[[Any], list[Rule]] = lambda extra: [],
-        slots: int = 0,
+        keep: bool = False,
         initial: InitialState | None = None,
     ) -> Rollout:
         """The rollout of structures under a ground motion, which is a pytree; see ``simulate``.
 
-        ``extra`` is a pytree of further numbers that the run uses, ``slots`` how many impacts of
-        each link are recorded in one step.
+        ``choice`` is that of the plan, ``extra`` a pytree of further numbers that the run uses;
+        ``keep`` says whether its every instant is kept.
         """
         dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
         cast = partial(jax.tree.map, lambda x: jnp.asarray(x, dtype))
         structures, ground, extra, initial = cast((structures, ground, extra, initial))
-        # Else XLA would fold all that follows from structures that are constants of the program.
-        structures = jax.tree.map(lax.optimization_barrier, structures)
+        structures = unknown(structures)
         # Before the batch is spread: orders and samples that all runs share are not copied.
         memories = [zener_of(rod.material) for rod in structures.system().rods]
         orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
@@ -120,12 +119,12 @@ class Rollout(NamedTuple):
         valid &= all_hold([] if initial is None else initial_rules(initial, system, dt))
         zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
         if any(link.contact or link.velocity_friction for link in system.links):
-            zero = _differentiated_with(zero, (structures, ground, extra, initial))
+            zero = differentiated_with(zero, (structures, ground, extra, initial))
         displaced = velocities = stretched = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
             stretched = tuple(elongation(ends, displaced) for ends in system.topology.rods)
-        constants = run_state.step_constants(system, dt, scheme.order, slots)
+        constants = run_state.step_constants(system, dt, scheme.order, keep, choice)
         start = run_state.start_state(system, constants, zero, dt, displaced, velocities)
         excitation = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
         # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
@@ -147,10 +146,8 @@ class Rollout(NamedTuple):
             idle = [state, [zero] * len(sums)]
             return *starting.kept(time, idle, after), instant
 
-        if constants.groups or (constants.is_long and constants.yielding_laws):
-            # Reverse mode then keeps fewer numbers of each step.
-            kept = jax.checkpoint_policies.save_only_these_names(FLOW)
-            advance = jax.checkpoint(advance, prevent_cse=False, policy=kept, static_argnums=(4,))
+        if constants.plan.recomputed_steps:
+            advance = recomputed(advance, static_argnums=(4,), but_kept=True)
 
         scan = partial(
             scan_with_history,
@@ -159,26 +156,9 @@ class Rollout(NamedTuple):
             history=scheme.history,
             inputs=excitation.series,
             checkpoint=scheme.checkpoint,
-            block=constants.block,
+            plan=constants.plan,
         )
         return Rollout(system, constants, zero, starting, start, extra, advance, scan)
-
-
-@jax.custom_jvp
-def _differentiated_with(x: jax.Array, numbers: Any) -> jax.Array:
-    """x, with a derivative of zero by the numbers, so that all that starts as x has one.
-
-    Otherwise JAX finds out step by step which states have a derivative, and differentiates a step
-    anew each time.
-    """
-    return x
-
-
-@partial(_differentiated_with.defjvp, symbolic_zeros=True)
-def _(primals: Any, tangents: Any) -> Any:
-    changes = [t for t in jax.tree.leaves(tangents) if not isinstance(t, SymbolicZero)]
-    # Not 0 * change: a weight in reverse mode may be infinite, and an array of numbers empty.
-    return primals[0], jnp.where(False, changes[0], 0).sum()
 
 
 def extrapolated(coarse: T, fine: T) -> T:
@@ -248,20 +228,22 @@ def observed_at(
     """
     ground = as_run(ground, scheme.finest(grid), gravity_of(structures))
     case = structures, ground
-    return _observed_at(observer, case, node_classes(case), grid, scheme, jnp.asarray(instant))
+    static = node_classes(case), grid, scheme, plan.choice()
+    return _observed_at(observer, case, *static, jnp.asarray(instant))
 
 
-@partial(jax.jit, static_argnames=("observer", "classes", "grid", "scheme"))
+@partial(jax.jit, static_argnames=("observer", "classes", "grid", "scheme", "choice"))
 def _observed_at(
     observer: Observer,
     case: tuple[Structures, Ground],
     classes: tuple[type, ...],
     grid: TimeGrid,
     scheme: Scheme,
+    choice: Choice,
     number: Any,
 ) -> tuple[Any, ...]:
     def observed(grid: TimeGrid, instant: Any) -> tuple[Any, ...]:
-        run = Rollout.of(*case, grid, scheme)
+        run = Rollout.of(*case, grid, scheme, choice)
 
         def observe(kept: Any, now: Instant, m: jax.Array) -> tuple[Any, None]:
             seen = observer.of(run.constants, now)

@@ -19,6 +19,9 @@ from jaxtyping import ArrayLike
 from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import node_classes, rules
+from jaxpound._xla import plan
+from jaxpound._xla.plan import Choice
+from jaxpound._xla.programs import note_long_compilations
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, require_ground
 from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen
@@ -30,8 +33,7 @@ from jaxpound.model.topology import GROUND, Topology
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response
-from jaxpound.simulation.contact.records import SLOTS, Contact
-from jaxpound.simulation.programs import note_long_compilations
+from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.rollout import Rollout, extrapolated, extrapolated_response
 from jaxpound.simulation.scheme import (
     Scheme,
@@ -131,7 +133,8 @@ def respond(
     ground_motion = _prepare(owner, structures, ground, grid, scheme, strict, initial)
     balanced = not is_traced((structures, ground_motion, initial))
     case = structures, ground_motion, initial
-    response, residual = _simulate(case, node_classes(case), grid, scheme, balanced)
+    static = node_classes(case), grid, scheme, plan.choice()
+    response, residual = _simulate(case, *static, balanced)
     response = _finished(response)
     if balanced and not is_traced(residual):
         warn(owner, unbalanced(residual), strict)
@@ -194,7 +197,8 @@ def demand(
             raise InvalidInput("demand", "only", repr(only), "must hold names of scalars")
         only = tuple(only)
     case = structures, ground_motion, initial
-    scalars = _finished(_demand(case, node_classes(case), grid, scheme, temperature, only))
+    static = node_classes(case), grid, scheme, plan.choice()
+    scalars = _finished(_demand(case, *static, temperature, only))
     scalars = dataclasses.replace(scalars, si=gravity_of(structures) is not None)
     if only is None:
         _warn_of_results("demand", structures, ground, scalars, strict)
@@ -237,12 +241,17 @@ def _prepare(
 
 
 def _run(
-    case: Case, grid: TimeGrid, scheme: Scheme, temperature: ArrayLike | None, keep: bool
+    case: Case,
+    grid: TimeGrid,
+    scheme: Scheme,
+    choice: Choice,
+    temperature: ArrayLike | None,
+    keep: bool,
 ) -> tuple[System, Demand, StoredSeries | None, tuple[Contact | None, ...]]:
     """The system in the run's dtype, scalars, series if ``keep``, and links' contact at the end."""
-    (structures, ground, initial), slots = case, SLOTS if keep else 0
+    structures, ground, initial = case
     extra = temperature, _temperature_rules
-    run = Rollout.of(structures, ground, grid, scheme, *extra, slots, initial)
+    run = Rollout.of(structures, ground, grid, scheme, choice, *extra, keep, initial)
     system, zero, temperature, n = run.system, run.zero, run.extra, grid.n_steps
 
     def observe(tally: Tally, now: Instant, m: jax.Array) -> tuple[Tally, StoredSeries | None]:
@@ -251,7 +260,7 @@ def _run(
 
     closings = [link.closing for link in run.start.links]
     start = Tally.start(run.constants, system, zero, temperature is not None, closings)
-    (state, tally), kept = run.observed(observe, start, segmented=keep)
+    (state, tally), kept = run.observed(observe, start)
     ends = tuple(None if link.contact is None else link.contact.contact for link in state.links)
     scalars = tally.demand(run.constants, system, state, scheme.friction.set_valued, temperature)
     # A run that becomes non-finite is NaN throughout as well. Multiply by NaN: ``where`` would
@@ -262,30 +271,36 @@ def _run(
     return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, ends)))
 
 
-@partial(jax.jit, static_argnames=("classes", "grid", "scheme", "only"))
+@partial(jax.jit, static_argnames=("classes", "grid", "scheme", "choice", "only"))
 def _demand(
     case: Case,
     classes: tuple[type, ...],  # ``node_classes`` of the case
     grid: TimeGrid,
     scheme: Scheme,
+    choice: Choice,
     temperature: ArrayLike | None,
     only: Any,
 ) -> Demand:
     def at(grid: TimeGrid) -> Demand:
-        return _run(case, grid, scheme, temperature, keep=False)[1]
+        return _run(case, grid, scheme, choice, temperature, keep=False)[1]
 
     scalars = extrapolated(at(grid), at(grid.halved)) if scheme.extrapolated else at(grid)
     return scalars if only is None else scalars.only(only)
 
 
-@partial(jax.jit, static_argnames=("classes", "grid", "scheme", "balanced"))
+@partial(jax.jit, static_argnames=("classes", "grid", "scheme", "choice", "balanced"))
 def _simulate(
-    case: Case, classes: tuple[type, ...], grid: TimeGrid, scheme: Scheme, balanced: bool
+    case: Case,
+    classes: tuple[type, ...],
+    grid: TimeGrid,
+    scheme: Scheme,
+    choice: Choice,
+    balanced: bool,
 ) -> tuple[Response, jax.Array | None]:
     """The response and, if ``balanced``, the share of its energy that the balance leaves."""
 
     def at(grid: TimeGrid) -> Response:
-        system, scalars, stored, contacts = _run(case, grid, scheme, None, keep=True)
+        system, scalars, stored, contacts = _run(case, grid, scheme, choice, None, keep=True)
         assert stored is not None
         return response_of(system, case[1], grid, scheme, scalars, stored, contacts)
 

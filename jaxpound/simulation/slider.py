@@ -80,7 +80,7 @@ def _followed(place: jax.Array, e: jax.Array, e_y: jax.Array) -> jax.Array:
 def _outcome(place: jax.Array, x: _SliderPath) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The place at the end, the distance slid, and the place less its mean over the kick."""
     slid = jnp.abs(x.turned - place) + jnp.abs(x.place - x.turned)
-    # As a quotient XLA computes it once; it computes products again for each use.
+    # As a quotient, which XLA computes once: see ``_xla.quotients``.
     return x.place, slid, x.way * (x.speed_then * x.left) ** 2 / (2 * x.speed_then)
 
 

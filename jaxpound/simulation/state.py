@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 
+from jaxpound._xla.plan import Choice, Plan, Work
 from jaxpound.model.dampers import Dashpot, PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import System
 from jaxpound.model.topology import GROUND, Ends, Topology, elongation, link_groups
 from jaxpound.simulation.contact.group import ContactState, coupling, needs_flow
 from jaxpound.simulation.contact.group_flows import Groups, alike
-from jaxpound.simulation.contact.records import Contact
+from jaxpound.simulation.contact.records import SLOTS, Contact
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.inertance import Inerters
 from jaxpound.simulation.rod import RodLaw, SpringLaw, rod_law
-from jaxpound.simulation.scan import BlockForm
 from jaxpound.simulation.slider import has_slider
 from jaxpound.simulation.yielding import HysteresisConstants, HysteresisState
-
-FEW_RODS = 8  # beyond, batches have no shortcut, and peaks and laws are arrays: it compiles sooner
-WRITTEN_OUT = 4  # rods up to which a block is unrolled; a loop compiles in a third of the time
 
 
 def each(function: Callable[..., Any], *series: Iterable[Any]) -> tuple[Any, ...]:
@@ -43,45 +40,7 @@ class StepConstants(NamedTuple):
     mass_shares: dict[int, dict[int, jax.Array]]  # of these groups, by number: see ``coupling``
     inerters: Inerters | None
     slots: int  # impacts recorded for each link in one step
-
-    @property
-    def is_long(self) -> bool:
-        """Whether a step is too long for a block to be unrolled (``WRITTEN_OUT``)."""
-        return bool(self.groups) or len(self.rods) > WRITTEN_OUT or self.has_long_laws
-
-    @property
-    def yielding_laws(self) -> list[Any]:
-        """The laws of hysteresis of rods that yield, without dashpots."""
-        return [rod.law for rod in self.hysteresis if rod and not isinstance(rod.law, Dashpot)]
-
-    @property
-    def has_shortcut(self) -> bool:
-        """Whether batches have a shorter program for steps without local flow: on CPUs."""
-        always = any(group.coupling.has_resistance for group in self.groups)
-        is_short = bool(self.groups) and len(self.rods) <= FEW_RODS
-        return is_short and not always and jax.default_backend() == "cpu"
-
-    @property
-    def has_many_peaks(self) -> bool:
-        """Whether peaks of its series are computed in arrays, which compiles in less time."""
-        return bool(self.groups) and len(self.rods) > FEW_RODS
-
-    @property
-    def has_long_laws(self) -> bool:
-        """Whether rods yield by laws of more operations than ``Bilinear``."""
-        return not all(map(has_slider, self.yielding_laws))
-
-    @property
-    def has_laws_in_arrays(self) -> bool:
-        """Whether laws of many rods are in arrays: they compile in half the time but run longer."""
-        return len(self.rods) > FEW_RODS and self.has_long_laws
-
-    @property
-    def block(self) -> BlockForm:
-        """How the steps of a block are computed."""
-        if self.is_long:
-            return "loop"
-        return "recomputed" if self.yielding_laws else "written out"
+    plan: Plan = Plan()
 
     def link_pulls(self, loads: Sequence[Any], acceleration: Any) -> list[jax.Array]:
         """Relative accelerations of the links' ends without these; between masses u'' drops out."""
@@ -153,8 +112,10 @@ class Instant(NamedTuple):
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
 
 
-def step_constants(system: System, dt: float, order: int, slots: int) -> StepConstants:
-    """The constants of a run with steps of ``dt`` that records up to ``slots`` impacts in each."""
+def step_constants(
+    system: System, dt: float, order: int, keep: bool, choice: Choice
+) -> StepConstants:
+    """The constants of a run with steps of ``dt``, which may ``keep`` every instant."""
     topology, inverse = system.topology, tuple(1 / m for m in system.masses)
     rods = tuple(
         SpringLaw(rod.stiffness)
@@ -176,8 +137,25 @@ def step_constants(system: System, dt: float, order: int, slots: int) -> StepCon
         if needs_flow(group, links):
             couplings[n], mass_shares[n] = coupling(topology, group, links, inverse, inerters)
     frictions = tuple(link.friction for link in links)
-    of_links = frictions, alike(groups, couplings), mass_shares, inerters, slots
-    return StepConstants(topology, inverse, rods, hysteresis, *of_links)
+    flowing, slots = alike(groups, couplings), SLOTS if keep else 0
+    plan = choice(Work(len(rods), _length_of(laws), _need_of(flowing), keep))
+    of_links = frictions, flowing, mass_shares, inerters, slots
+    return StepConstants(topology, inverse, rods, hysteresis, *of_links, plan)
+
+
+def _length_of(laws: Sequence[Any]) -> Literal["none", "short", "long"]:
+    """How many operations the laws of hysteresis have: ``Bilinear`` few, all others many."""
+    yielding = [law for law in laws if law is not None and not isinstance(law, Dashpot)]
+    if not yielding:
+        return "none"
+    return "short" if all(map(has_slider, yielding)) else "long"
+
+
+def _need_of(groups: Sequence[Groups]) -> Literal["never", "sometimes", "always"]:
+    """How often a step needs a local flow, the loop over the events within a step."""
+    if any(group.coupling.has_resistance for group in groups):
+        return "always"
+    return "sometimes" if groups else "never"
 
 
 def start_state(

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 
+from jaxpound._xla.alike import map_alike, unstacked
 from jaxpound.model.topology import GROUND, LinkGroup, elongation, link_groups
 from jaxpound.simulation import state
-from jaxpound.simulation.alike import map_alike, unstacked
 from jaxpound.simulation.contact import group as contact_group
 from jaxpound.simulation.contact.group import ContactState, Coupling, GroupStep, MovedLink
 from jaxpound.simulation.contact.group_flows import GroupFlows, Groups, flows_of, need_flows
@@ -154,7 +154,7 @@ class _Step(NamedTuple):
         rods = zip(self.system.hysteresis, self.before.yielding, elongations, strict=True)
         those = {r: rod for r, rod in enumerate(rods) if rod[0] is not None}
         function = partial(hysteresis_step, is_first=starts)
-        steps = map_alike(function, [*those.values()], self.system.has_laws_in_arrays)
+        steps = map_alike(function, [*those.values()], self.system.plan.laws_in_arrays)
         by_number = dict(zip(those, steps, strict=True))
         return [by_number.get(r) for r in range(len(elongations))]
 

@@ -215,7 +215,7 @@ class Tally(NamedTuple):
             )
             for link, closing in zip(system.links, closings, strict=True)
         )
-        peaks = partial(Peaks.start, zero, in_arrays=constants.has_many_peaks)
+        peaks = partial(Peaks.start, zero, in_arrays=constants.plan.peaks_in_arrays)
         return Tally(
             ground=GroundPeaks(zero, zero, zero, zero),
             displacements=peaks(len(topology.observed_ends)),

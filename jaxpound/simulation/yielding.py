@@ -24,6 +24,7 @@ from jaxpound._checks import Rule, all_hold, count, enforce, finite, instance, r
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import rules
+from jaxpound._xla.quotients import once, unit_of
 from jaxpound.model.dampers import Dashpot
 from jaxpound.model.hysteresis import HysteresisLaw
 from jaxpound.model.system import Rod
@@ -51,9 +52,8 @@ class HysteresisConstants(NamedTuple):
         return self.modulus * self.law.dissipated(state.of_law)
 
     def once(self, tree: Any) -> Any:
-        """Numbers over K/K, which is 1: XLA computes quotients once, all else for each use."""
-        one = self.modulus / self.modulus
-        return jax.tree.map(lambda y: y / one, tree)
+        """Numbers that XLA is to compute once: see ``_xla.quotients``."""
+        return once(tree, unit_of(self.modulus))
 
 
 @jax.custom_jvp

@@ -11,15 +11,13 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.ad_checkpoint import checkpoint_name
 
+from jaxpound._xla.alike import by_kind, stacked, unstacked
+from jaxpound._xla.derivatives import kept
 from jaxpound.model.topology import GROUND, LinkGroup
-from jaxpound.simulation.alike import by_kind, stacked, unstacked
 from jaxpound.simulation.contact import group as contact_group
 from jaxpound.simulation.contact.group import Coupling, GroupStep
 from jaxpound.simulation.contact.records import FlowResult
-
-FLOW = "local flow"  # name of its results, which reverse mode keeps where it computes steps anew
 
 
 class Groups(NamedTuple):
@@ -113,7 +111,7 @@ def alike(places: Mapping[int, LinkGroup], couplings: Mapping[int, Coupling]) ->
 
 def flows_of(groups: Groups, before: GroupStep) -> GroupFlows:
     """The groups after their local flows."""
-    result, used = checkpoint_name(groups.map(contact_group.run_flow, before), FLOW)
+    result, used = kept(groups.map(contact_group.run_flow, before))
     shift = groups.map(contact_group.mean_sample_shift, result, used, before)
     return GroupFlows(groups, before, result, used, shift)
 
