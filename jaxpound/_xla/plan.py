@@ -2,8 +2,8 @@
 
 What a step computes is stated as ``Work`` by those who know it. A choice, a function from ``Work``
 to ``Plan``, decides the rest: ``fast`` is that of users, and ``plain`` the loop of a textbook. The
-choice holds for the whole process. It is read before a function is compiled, as one of its static
-arguments: a program of another choice is never taken for it.
+choice holds for the whole process. A function that is compiled has it as a static argument: then no
+program of another choice is taken for it.
 """
 
 from __future__ import annotations
@@ -96,17 +96,17 @@ def choice() -> Choice:
     return _choice
 
 
-def choose(other: Choice) -> None:
-    """Let another choice hold in this process from now on."""
+def choose(other: Choice) -> Choice:
+    """Let another choice hold in this process from now on; returns the one before."""
     global _choice
-    _choice = other
+    before, _choice = _choice, other
+    return before
 
 
 @contextmanager
 def chosen(other: Choice) -> Iterator[None]:
     """Another choice, for what is run within."""
-    before = choice()
-    choose(other)
+    before = choose(other)
     try:
         yield
     finally:

@@ -21,8 +21,8 @@ T = TypeVar("T")
 
 
 def unknown(tree: T) -> T:
-    """The same numbers, which are no constants of a program: XLA folds nothing that follows."""
-    return jax.tree.map(lax.optimization_barrier, tree)
+    """The same numbers, which XLA computes once, together, and holds for no constants."""
+    return lax.optimization_barrier(tree)
 
 
 def unit_of(x: jax.Array) -> jax.Array:

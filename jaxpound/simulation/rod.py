@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, real
-from jaxpound._xla import plan
+from jaxpound._xla.plan import Work, choice
 from jaxpound.model.rod import ZenerRod
 from jaxpound.simulation.history import HistorySum, ModalHistory
 from jaxpound.simulation.scan import scan_with_history
@@ -141,8 +141,8 @@ def rod_force(
         return excess, [c], f
 
     rest = jnp.zeros((), dtype)
-    laid_out = plan.choice()(plan.Work(elements=1))
-    return scan_with_history(advance, rest, x.size - 1, [rod.order], history, x, laid_out)[1]
+    plan = choice()(Work(elements=1))
+    return scan_with_history(advance, rest, x.size - 1, [rod.order], history, x, plan)[1]
 
 
 def nyquist_stiffness(rod: ZenerRod, modulus: ArrayLike, dt: ArrayLike, order: int) -> Any:

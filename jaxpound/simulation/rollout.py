@@ -10,7 +10,7 @@ jump with where they fall; impacts are not as regular.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,10 +20,9 @@ from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold
 from jaxpound._fields import node_classes, rules
-from jaxpound._xla import plan
 from jaxpound._xla.batches import spread, without_mesh
 from jaxpound._xla.derivatives import recomputed
-from jaxpound._xla.plan import Choice
+from jaxpound._xla.plan import choice
 from jaxpound._xla.quotients import differentiated_with, unknown
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion
@@ -44,6 +43,11 @@ from jaxpound.simulation.stepping import step
 
 T = TypeVar("T")
 _SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}  # series of a response, to be extrapolated
+
+
+def program_key(case: Any) -> Hashable:
+    """What a run's program depends on beside its arguments: classes of the case, choice of plan."""
+    return node_classes(case), choice()
 
 
 class Rollout(NamedTuple):
@@ -87,7 +91,6 @@ class Rollout(NamedTuple):
         ground: Ground,
         grid: TimeGrid,
         scheme: Scheme,
-        choice: Choice,
         extra: Any = None,
         extra_rules: Callable[[Any], list[Rule]] = lambda extra: [],
         keep: bool = False,
@@ -95,13 +98,14 @@ class Rollout(NamedTuple):
     ) -> Rollout:
         """The rollout of structures under a ground motion, which is a pytree; see ``simulate``.
 
-        ``choice`` is that of the plan, ``extra`` a pytree of further numbers that the run uses;
-        ``keep`` says whether its every instant is kept.
+        ``extra`` is a pytree of further numbers that the run uses; ``keep`` says whether its every
+        instant is kept.
         """
         dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
         cast = partial(jax.tree.map, lambda x: jnp.asarray(x, dtype))
         structures, ground, extra, initial = cast((structures, ground, extra, initial))
-        structures = unknown(structures)
+        # Else XLA would fold all that follows from structures that are constants of the program.
+        structures = jax.tree.map(unknown, structures)
         # Before the batch is spread: orders and samples that all runs share are not copied.
         memories = [zener_of(rod.material) for rod in structures.system().rods]
         orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
@@ -124,7 +128,7 @@ class Rollout(NamedTuple):
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
             stretched = tuple(elongation(ends, displaced) for ends in system.topology.rods)
-        constants = run_state.step_constants(system, dt, scheme.order, keep, choice)
+        constants = run_state.step_constants(system, dt, scheme.order, keep)
         start = run_state.start_state(system, constants, zero, dt, displaced, velocities)
         excitation = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
         # Velocity at −h/2 from which the first kick leaves (h/2) × acceleration, or nothing.
@@ -228,22 +232,20 @@ def observed_at(
     """
     ground = as_run(ground, scheme.finest(grid), gravity_of(structures))
     case = structures, ground
-    static = node_classes(case), grid, scheme, plan.choice()
-    return _observed_at(observer, case, *static, jnp.asarray(instant))
+    return _observed_at(observer, case, program_key(case), grid, scheme, jnp.asarray(instant))
 
 
-@partial(jax.jit, static_argnames=("observer", "classes", "grid", "scheme", "choice"))
+@partial(jax.jit, static_argnames=("observer", "key", "grid", "scheme"))
 def _observed_at(
     observer: Observer,
     case: tuple[Structures, Ground],
-    classes: tuple[type, ...],
+    key: Hashable,
     grid: TimeGrid,
     scheme: Scheme,
-    choice: Choice,
     number: Any,
 ) -> tuple[Any, ...]:
     def observed(grid: TimeGrid, instant: Any) -> tuple[Any, ...]:
-        run = Rollout.of(*case, grid, scheme, choice)
+        run = Rollout.of(*case, grid, scheme)
 
         def observe(kept: Any, now: Instant, m: jax.Array) -> tuple[Any, None]:
             seen = observer.of(run.constants, now)

@@ -7,7 +7,7 @@ where ``step`` moves it and ``Tally`` observes it, to a ``Demand`` or a ``Respon
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from functools import partial
 from typing import Any, cast
 
@@ -18,9 +18,7 @@ from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number
 from jaxpound._errors import InvalidInput, warn
-from jaxpound._fields import node_classes, rules
-from jaxpound._xla import plan
-from jaxpound._xla.plan import Choice
+from jaxpound._fields import rules
 from jaxpound._xla.programs import note_long_compilations
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, require_ground
@@ -34,7 +32,12 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response
 from jaxpound.simulation.contact.records import Contact
-from jaxpound.simulation.rollout import Rollout, extrapolated, extrapolated_response
+from jaxpound.simulation.rollout import (
+    Rollout,
+    extrapolated,
+    extrapolated_response,
+    program_key,
+)
 from jaxpound.simulation.scheme import (
     Scheme,
     imprecise,
@@ -133,8 +136,7 @@ def respond(
     ground_motion = _prepare(owner, structures, ground, grid, scheme, strict, initial)
     balanced = not is_traced((structures, ground_motion, initial))
     case = structures, ground_motion, initial
-    static = node_classes(case), grid, scheme, plan.choice()
-    response, residual = _simulate(case, *static, balanced)
+    response, residual = _simulate(case, program_key(case), grid, scheme, balanced)
     response = _finished(response)
     if balanced and not is_traced(residual):
         warn(owner, unbalanced(residual), strict)
@@ -197,8 +199,7 @@ def demand(
             raise InvalidInput("demand", "only", repr(only), "must hold names of scalars")
         only = tuple(only)
     case = structures, ground_motion, initial
-    static = node_classes(case), grid, scheme, plan.choice()
-    scalars = _finished(_demand(case, *static, temperature, only))
+    scalars = _finished(_demand(case, program_key(case), grid, scheme, temperature, only))
     scalars = dataclasses.replace(scalars, si=gravity_of(structures) is not None)
     if only is None:
         _warn_of_results("demand", structures, ground, scalars, strict)
@@ -241,17 +242,12 @@ def _prepare(
 
 
 def _run(
-    case: Case,
-    grid: TimeGrid,
-    scheme: Scheme,
-    choice: Choice,
-    temperature: ArrayLike | None,
-    keep: bool,
+    case: Case, grid: TimeGrid, scheme: Scheme, temperature: ArrayLike | None, keep: bool
 ) -> tuple[System, Demand, StoredSeries | None, tuple[Contact | None, ...]]:
     """The system in the run's dtype, scalars, series if ``keep``, and links' contact at the end."""
     structures, ground, initial = case
     extra = temperature, _temperature_rules
-    run = Rollout.of(structures, ground, grid, scheme, choice, *extra, keep, initial)
+    run = Rollout.of(structures, ground, grid, scheme, *extra, keep, initial)
     system, zero, temperature, n = run.system, run.zero, run.extra, grid.n_steps
 
     def observe(tally: Tally, now: Instant, m: jax.Array) -> tuple[Tally, StoredSeries | None]:
@@ -271,36 +267,30 @@ def _run(
     return (system, *jax.tree.map(lambda x: x * poison, (scalars, kept, ends)))
 
 
-@partial(jax.jit, static_argnames=("classes", "grid", "scheme", "choice", "only"))
+@partial(jax.jit, static_argnames=("key", "grid", "scheme", "only"))
 def _demand(
     case: Case,
-    classes: tuple[type, ...],  # ``node_classes`` of the case
+    key: Hashable,
     grid: TimeGrid,
     scheme: Scheme,
-    choice: Choice,
     temperature: ArrayLike | None,
     only: Any,
 ) -> Demand:
     def at(grid: TimeGrid) -> Demand:
-        return _run(case, grid, scheme, choice, temperature, keep=False)[1]
+        return _run(case, grid, scheme, temperature, keep=False)[1]
 
     scalars = extrapolated(at(grid), at(grid.halved)) if scheme.extrapolated else at(grid)
     return scalars if only is None else scalars.only(only)
 
 
-@partial(jax.jit, static_argnames=("classes", "grid", "scheme", "choice", "balanced"))
+@partial(jax.jit, static_argnames=("key", "grid", "scheme", "balanced"))
 def _simulate(
-    case: Case,
-    classes: tuple[type, ...],
-    grid: TimeGrid,
-    scheme: Scheme,
-    choice: Choice,
-    balanced: bool,
+    case: Case, key: Hashable, grid: TimeGrid, scheme: Scheme, balanced: bool
 ) -> tuple[Response, jax.Array | None]:
     """The response and, if ``balanced``, the share of its energy that the balance leaves."""
 
     def at(grid: TimeGrid) -> Response:
-        system, scalars, stored, contacts = _run(case, grid, scheme, choice, None, keep=True)
+        system, scalars, stored, contacts = _run(case, grid, scheme, None, keep=True)
         assert stored is not None
         return response_of(system, case[1], grid, scheme, scalars, stored, contacts)
 

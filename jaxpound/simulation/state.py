@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 import jax
 
-from jaxpound._xla.plan import Choice, Plan, Work
+from jaxpound._xla.plan import Plan, Work, choice
 from jaxpound.model.dampers import Dashpot, PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import System
@@ -112,9 +112,7 @@ class Instant(NamedTuple):
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
 
 
-def step_constants(
-    system: System, dt: float, order: int, keep: bool, choice: Choice
-) -> StepConstants:
+def step_constants(system: System, dt: float, order: int, keep: bool) -> StepConstants:
     """The constants of a run with steps of ``dt``, which may ``keep`` every instant."""
     topology, inverse = system.topology, tuple(1 / m for m in system.masses)
     rods = tuple(
@@ -138,7 +136,7 @@ def step_constants(
             couplings[n], mass_shares[n] = coupling(topology, group, links, inverse, inerters)
     frictions = tuple(link.friction for link in links)
     flowing, slots = alike(groups, couplings), SLOTS if keep else 0
-    plan = choice(Work(len(rods), _length_of(laws), _need_of(flowing), keep))
+    plan = choice()(Work(len(rods), _length_of(laws), _need_of(flowing), keep))
     of_links = frictions, flowing, mass_shares, inerters, slots
     return StepConstants(topology, inverse, rods, hysteresis, *of_links, plan)
 
