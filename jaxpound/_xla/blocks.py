@@ -27,20 +27,22 @@ class Blocks(NamedTuple):
     """A loop over steps in blocks, and over blocks in segments."""
 
     plan: Plan
+    checkpoint: bool  # whether reverse mode keeps the first state of each segment only
     length: int  # steps of a block
     segment: int  # blocks of a segment
     segments: int
     idle: int  # steps before the first, which fill up the blocks
 
     @staticmethod
-    def of(plan: Plan, length: int, n_steps: int, checkpoint: bool) -> Blocks:
-        """The loop over ``n_steps`` steps; with ``checkpoint`` it has segments in any case."""
+    def of(plan: Plan, checkpoint: bool, length: int, n_steps: int) -> Blocks:
+        """The loop over ``n_steps`` steps."""
         segment = blocks = -(-n_steps // length)
         if plan.segments or checkpoint:
             root = math.isqrt(blocks - 1) + 1
             segment = min(range(root - root // 4, root + 1), key=lambda size: -blocks % size)
         segments = -(-blocks // segment)
-        return Blocks(plan, length, segment, segments, segments * segment * length - n_steps)
+        idle = segments * segment * length - n_steps
+        return Blocks(plan, checkpoint, length, segment, segments, idle)
 
     def steps(self, step: Step, short: Step | None, window: int, zero: jax.Array) -> Step:
         """A block as a function of (number, carry, windows), numbers and entries for its steps.
@@ -49,27 +51,24 @@ class Blocks(NamedTuple):
         of a block, and as many as ``window`` in a step. ``short`` does what ``step`` does where it
         needs no inner loop; its results are (results, whether it needs one).
         """
-        if self.plan.block == "loop":
-            steps: Step = partial(_in_loop, step, self.length, window, zero)
-        else:  # in a loop the carry is computed once in any case
+        if self.plan.block != "loop":  # in which the carry is computed once in any case
             steps = partial(_written_out, step, self.length, unit_of(zero))
-        if self.plan.block == "recomputed":
-            steps = recomputed(steps)
+            return recomputed(steps) if self.plan.block == "recomputed" else steps
+        steps = partial(_in_loop, step, self.length, window, zero)
         if short is None or not self.plan.shortcut:
             return steps
         return with_shortcut(steps, partial(_shorter, short, self.length))
 
-    def scan(self, block: Step, state: Any, inputs: Any, checkpoint: bool) -> tuple[Any, Any]:
+    def scan(self, block: Step, state: Any, inputs: Any) -> tuple[Any, Any]:
         """``lax.scan`` of blocks: the state at the end, and the series of their steps' results.
 
-        ``inputs`` are arrays with a leading axis of steps. With ``checkpoint`` reverse mode keeps
-        the first state of each segment only.
+        ``inputs`` are arrays with a leading axis of steps.
         """
 
         def segment(state: Any, entries: Any) -> tuple[Any, Any]:
             return lax.scan(block, state, entries, length=self.segment)
 
-        run = recomputed(segment) if checkpoint else segment
+        run = recomputed(segment) if self.checkpoint else segment
         inputs = jax.tree.map(self._in_blocks, inputs)
         if self.segments > 1:
             state, out = lax.scan(run, state, inputs, length=self.segments)

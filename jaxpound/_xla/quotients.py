@@ -25,9 +25,9 @@ def unknown(tree: T) -> T:
     return lax.optimization_barrier(tree)
 
 
-def unit_of(x: jax.Array) -> jax.Array:
-    """A number that is 1, with the type and the devices of x, which is finite: XLA cannot know."""
-    return lax.stop_gradient(1 + 0 * x)
+def unit_of(zero: jax.Array) -> jax.Array:
+    """The unit from a zero that XLA does not know either: 0 times a finite number of the run."""
+    return lax.stop_gradient(1 + zero)
 
 
 def once(tree: T, unit: jax.Array) -> T:

@@ -49,7 +49,7 @@ def scan_with_history(
     The ``plan`` says how the steps are laid out. ``short`` does what ``advance`` does in steps that
     need no more, and its out is (out, whether the step needs more).
     """
-    blocks = Blocks.of(plan, BLOCK, n_steps + 1, checkpoint)
+    blocks = Blocks.of(plan, checkpoint, BLOCK, n_steps + 1)
     kernels = [history.kernel(order, n_steps) for order in orders]
     weights = map(history.near, kernels, orders)
     near = [lax.split(weights_of_rod, (1,) * NEAR) for weights_of_rod in weights]
@@ -84,5 +84,5 @@ def scan_with_history(
     memories = [jax.tree.map(lambda y: y + zero, history.empty(kernel)) for kernel in kernels]
     recent = [[zero] * BLOCK for _ in kernels]
     state = jnp.asarray(-blocks.idle), carry, memories, recent
-    state, series = blocks.scan(of_block, state, inputs, checkpoint)
+    state, series = blocks.scan(of_block, state, inputs)
     return state[1], series

@@ -53,7 +53,7 @@ class HysteresisConstants(NamedTuple):
 
     def once(self, tree: Any) -> Any:
         """Numbers that XLA is to compute once: see ``_xla.quotients``."""
-        return once(tree, unit_of(self.modulus))
+        return once(tree, unit_of(0 * self.modulus))
 
 
 @jax.custom_jvp
