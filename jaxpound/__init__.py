@@ -18,6 +18,8 @@ _MODULES = {"contact": "model.contact"} | {wing: wing for wing in (*_WINGS, "pap
 _NAMES = {  # of modules outside these packages
     **dict.fromkeys(("Buildings", "dimensionless", "dimensionless_row"), "buildings"),
     **dict.fromkeys(("InvalidInput", "PlausibilityWarning"), "_errors"),
+    **dict.fromkeys(("in_chunks", "use_cores"), "_xla.batches"),
+    **dict.fromkeys(("keep_programs", "use_loop_kernels"), "_xla.programs"),
     "Scales": "units",
     "STANDARD_GRAVITY": "quantities",
     "TimeGrid": "grid",

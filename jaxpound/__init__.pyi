@@ -14,6 +14,10 @@ from . import study as study
 from ._errors import InvalidInput as InvalidInput
 from ._errors import PlausibilityWarning as PlausibilityWarning
 from ._version import __version__ as __version__
+from ._xla.batches import in_chunks as in_chunks
+from ._xla.batches import use_cores as use_cores
+from ._xla.programs import keep_programs as keep_programs
+from ._xla.programs import use_loop_kernels as use_loop_kernels
 from .buildings import Buildings as Buildings
 from .buildings import dimensionless as dimensionless
 from .buildings import dimensionless_row as dimensionless_row

@@ -57,7 +57,7 @@ STARTUP = Path(KERNELS, "profile_default", "startup", "as_the_suite.py")  # run 
 STARTUP.parent.mkdir(parents=True)
 STARTUP.write_text(
     f"import gc\n\ngc.set_threshold{gc.get_threshold()}\n"
-    "from jaxpound.simulation import constants as state\n\nstate.WRITTEN_OUT = 0  # tests/layout.py\n"
+    "from jaxpound._xla import plan\n\nplan.choose(plan.looped)\n"
 )
 LOCAL = {"transport": "ipc", "ip": f"{KERNELS}/kernel"} if os.name == "posix" else {}
 nbmake.nb_run.NotebookClient = functools.partial(
@@ -69,16 +69,19 @@ nbmake.nb_run.NotebookClient = functools.partial(
 # elsewhere that would double the time of tracing. Nor are they in the files of the largest
 # programs, as smaller ones of other files have the same functions. A whole number may stand for a
 # float, as it may for mypy.
-CHECKED = tuple(Path(__file__).parent / wing for wing in ("results", "simulation"))
+CHECKED = tuple(Path(__file__).parent / wing for wing in ("_xla", "results", "simulation"))
 LARGE = ("contact", "dampers", "divergence", "faces", "impacts", "inerters", "rows")
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
-jaxtyping.install_import_hook(["jaxpound.results", "jaxpound.simulation"], CHECKER)
+jaxtyping.install_import_hook([f"jaxpound.{path.name}" for path in CHECKED], CHECKER)
 from jaxpound._checks import machine_memory  # noqa: E402
-from jaxpound.simulation import programs  # noqa: E402
-from tests import layout  # noqa: E402, F401  (steps of all programs are a loop)
+from jaxpound._xla import plan, programs  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Steps of all programs are a loop, which compiles in half the time; in those of commands, and where
+# a test chooses so, they are laid out as in users'. All plans agree: simulation/test_plans.py.
+plan.choose(plan.looped)
 
 # Notes of a slow machine on its compilations are asserted in test_programs.py alone.
 programs.AFTER = 600.0  # s
@@ -96,7 +99,7 @@ settings.load_profile("jaxpound")
 TOGETHER = {"test_divergence.py": "test_impacts.py"}
 """Files, by the names of others whose programs they share: one process runs both."""
 
-FIRST = ("notebooks", "simulation", "reliability", "design", "cli", "study", "tests")
+FIRST = ("notebooks", "_xla", "simulation", "reliability", "design", "cli", "study", "tests")
 """Folders of long files: these come first, so that no process ends long after the other."""
 
 

@@ -88,6 +88,23 @@ def test_no_import_runs_upwards_or_in_a_circle():
     assert list(graphlib.TopologicalSorter(graph).static_order())
 
 
+PHYSICS = {"rod", "rods", "link", "links", "mass", "masses", "contact", "friction", "Dashpot"}
+COMPILER = {"optimization_barrier", "jax.checkpoint", "checkpoint_name", "checkpoint_policies"}
+COMPILER |= {"custom_vmap", "shard_map", "default_backend"}
+
+
+def test_the_compiler_and_the_physics_live_apart():
+    """No file of ``_xla`` names a part of a model; no other one decides how XLA compiles it."""
+    for module, tree in TREES.items():
+        names = {getattr(node, "id", getattr(node, "attr", None)) for node in ast.walk(tree)}
+        names |= {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+        is_xla = module.startswith("jaxpound._xla")
+        assert not names & (PHYSICS if is_xla else COMPILER), module
+        if is_xla:
+            ours = [m for m in imports(module) if m.startswith("jaxpound.")]
+            assert all(m.startswith("jaxpound._") for m in ours), module
+
+
 def test_figures_alone_import_matplotlib_and_no_import_is_hidden():
     for module in MODULES:
         if wing(module) != "plots":

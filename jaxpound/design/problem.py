@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxpound._checks import instance, refusal
 from jaxpound._errors import InvalidInput
+from jaxpound._xla.batches import in_chunks
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.goals import LeastDemand, PoundingProbability
 from jaxpound.design.objective import Objective
@@ -24,7 +25,6 @@ from jaxpound.model.system import Link, common_gap, gravity_of, is_closable
 from jaxpound.reliability.result import RareEvent
 from jaxpound.results.elements import of_link
 from jaxpound.results.named import inertances, limited_demands, limited_values, viscous_forces
-from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
 from jaxpound.units import Scales, scales_for

@@ -18,6 +18,7 @@ from tqdm.auto import tqdm
 
 from jaxpound._checks import Rule, enforce, instance, number, positive, require_memory
 from jaxpound._errors import InvalidInput, warn
+from jaxpound._xla.batches import in_chunks, runs_at_a_time
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS
@@ -27,7 +28,6 @@ from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, common_gap, is_closable, without_contact
 from jaxpound.results import named
 from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
-from jaxpound.simulation.batches import in_chunks, runs_at_a_time
 from jaxpound.simulation.buildings import record_grid
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single_system

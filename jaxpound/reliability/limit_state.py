@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from jaxpound._checks import Rule, enforce, finite, instance, not_negative, number
 from jaxpound._errors import InvalidInput, warn
+from jaxpound._xla.batches import in_chunks
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, paths, replaced, require_paths
@@ -24,7 +25,6 @@ from jaxpound.results import named
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
 from jaxpound.scenarios.scenarios import ScenarioSet, discrete_names
-from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.rollout import observed_at
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system

@@ -1,12 +1,12 @@
 """Simulation: the discretisation of the model, the time loop, and the runs.
 
 ``run`` has ``simulate`` and ``demand``. ``scheme`` chooses the discretisation: ``history`` of the
-rods, ``friction`` of the links; the package ``rods`` has the laws of rods over a step. ``rollout``
-prepares a run, ``stepping`` is one step, ``scan`` the loop over time, ``state`` what a step hands
-to the next. A link that is alone slides by ``coulomb`` in closed form; the package ``contact``
-follows links that touch or share masses through the step, from event to event. ``tally``, and
-``link_tally`` for links, accumulates the scalars. ``batches`` has many runs at once, ``buildings``
-runs in SI units.
+rods, ``friction`` of the joints. ``rollout`` prepares a run: its ``constants``, and the loop over
+time of ``scan``. ``step`` is one step, and ``state`` what it takes and gives. The package ``rods``
+has the laws of rods over a step. A joint that is alone slides (``sliding``) by ``coulomb`` in
+closed form; the package ``contact`` follows joints that touch or share masses through the step,
+from event to event. ``tally``, and ``link_tally`` for links, accumulates the scalars. ``buildings``
+has runs in SI units; ``jaxpound._xla`` makes the programs of all of them fast.
 ``docs/numerics.md`` has the equations.
 """
 

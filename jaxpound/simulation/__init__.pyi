@@ -1,5 +1,3 @@
-from .batches import in_chunks as in_chunks
-from .batches import use_cores as use_cores
 from .buildings import simulate_buildings as simulate_buildings
 from .buildings import simulate_row as simulate_row
 from .divergence import Growth as Growth
@@ -10,8 +8,6 @@ from .friction import Switching as Switching
 from .history import FullHistory as FullHistory
 from .history import ModalHistory as ModalHistory
 from .history import gl_weights as gl_weights
-from .programs import keep_programs as keep_programs
-from .programs import use_loop_kernels as use_loop_kernels
 from .rods.yielding import CyclicTest as CyclicTest
 from .rods.yielding import cyclic_test as cyclic_test
 from .rods.zener import rod_force as rod_force

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 
+from jaxpound._xla.plan import Plan, Work, choice
 from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
 from jaxpound.model.joints import Joint, groups, joints
 from jaxpound.model.system import System
 from jaxpound.simulation.contact.coupled import Coupled, coupled, may_need_flow
-from jaxpound.simulation.contact.records import Contact
+from jaxpound.simulation.contact.records import SLOTS, Contact
 from jaxpound.simulation.friction import FrictionLaw
 from jaxpound.simulation.rods.law import RodLaw
 from jaxpound.simulation.rods.laws import law_of
+from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.sliding import Sliding
 from jaxpound.simulation.state import RunState
-
-FEW_RODS = 8  # beyond, batches have no shortcut, and peaks and laws are arrays: it compiles sooner
-WRITTEN_OUT = 4
 
 
 def has_flows(system: System) -> bool:
@@ -49,24 +48,24 @@ class StepConstants(NamedTuple):
     dt: float
     slots: int  # impacts recorded for each gap in one step
     starts_at_rest: bool
+    plan: Plan
 
     @staticmethod
     def of(
         system: System,
-        friction: FrictionLaw,
+        scheme: Scheme,
         dt: float,
-        order: int,
-        slots: int = 0,
+        keep: bool = False,
         x: Sequence[jax.Array] | None = None,
     ) -> StepConstants:
-        """Those of a run with steps of ``dt`` and rods of an ``order`` of accuracy.
+        """Those of a run with steps of ``dt``, which may ``keep`` every instant.
 
         Masses displaced by x at the start relax the rods there.
         """
         masses, influence = system.masses, (1.0,) * len(system.masses)
         rod_ends = tuple(weighted(rod.ends) for rod in system.rods)
         rods = tuple(
-            law_of(rod, dt, order, None if x is None else along(ends, x))
+            law_of(rod, dt, scheme.order, None if x is None else along(ends, x))
             for rod, ends in zip(system.rods, rod_ends, strict=True)
         )
         alone, shared = list[Sliding](), list[tuple[Joint, ...]]()
@@ -76,9 +75,12 @@ class StepConstants(NamedTuple):
             else:
                 alone.append(Sliding.of(group[0], system, masses, influence))
         kinds = (*alone, *coupled(shared, system, masses, influence))
-        return StepConstants(
-            masses, influence, rods, rod_ends, kinds, friction, dt, slots, x is None
-        )
+        flows: Literal["never", "sometimes", "always"] = "sometimes" if shared else "never"
+        if any(link.velocity_friction for link in system.links):
+            flows = "always"
+        plan = choice()(Work(len(rods), _length_of(rods), flows, keep))
+        of_joints = kinds, scheme.friction, dt, SLOTS if keep else 0, x is None
+        return StepConstants(masses, influence, rods, rod_ends, *of_joints, plan)
 
     def start(
         self, zero: jax.Array, x: Sequence[jax.Array] | None, v: Sequence[jax.Array] | None
@@ -131,47 +133,18 @@ class StepConstants(NamedTuple):
         """Elongations where the rods yield first; None of one that never does."""
         return tuple(rod.yield_displacement for rod in self.rods)
 
-    @property
-    def yields(self) -> bool:
-        """Whether rods yield."""
-        return any(x is not None for x in self.yield_displacements)
 
-    @property
-    def is_long(self):
-        return self.has_flows or len(self.rods) > WRITTEN_OUT or self.has_long_laws
-
-    @property
-    def has_shortcut(self):
-        always = any(k.coupling.has_resistance for k in self.joints if isinstance(k, Coupled))
-        is_short = self.has_flows and len(self.rods) <= FEW_RODS
-        return is_short and not always and jax.default_backend() == "cpu"
-
-    @property
-    def has_many_peaks(self):
-        return self.has_flows and len(self.rods) > FEW_RODS
-
-    @property
-    def has_long_laws(self):
-        return any(rod.is_long for rod in self.rods)
-
-    @property
-    def has_laws_in_arrays(self):
-        return len(self.rods) > FEW_RODS and self.has_long_laws
-
-    @property
-    def block(self):
-        if self.is_long:
-            return "loop"
-        return "recomputed" if self.yields else "written out"
+def _length_of(laws: Sequence[RodLaw]) -> Literal["none", "short", "long"]:
+    """How many operations laws of rods have that follow their path."""
+    if any(law.is_long for law in laws):
+        return "long"
+    return "none" if all(law.yield_displacement is None for law in laws) else "short"
 
 
-def contacts(
-    system: StepConstants, state: RunState, n_links: int
-) -> tuple[Contact | None, ...]:
+def contacts(system: StepConstants, state: RunState, n_links: int) -> tuple[Contact | None, ...]:
     """The contact of each link; None of one without a law of contact."""
     by_link = {}
     for kind, joint in zip(system.joints, state.joints, strict=True):
         if isinstance(kind, Coupled):
             by_link |= kind.contacts(joint)
     return tuple(map(by_link.get, range(n_links)))
-

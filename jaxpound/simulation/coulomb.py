@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._extrema import larger, smaller
+from jaxpound._xla.derivatives import recomputed
 
 
 class SlipStick(NamedTuple):
@@ -213,7 +214,7 @@ def slip_stick(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> SlipStick:
     Reverse mode keeps the four arguments of each step and finds its events again: to store their
     many intermediates, or all derivatives, takes longer.
     """
-    return jax.checkpoint(_step, prevent_cse=False, static_argnums=(4,))(w, pull, rise, hold, h)
+    return recomputed(_step, static_argnums=(4,))(w, pull, rise, hold, h)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(4,))

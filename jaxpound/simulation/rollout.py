@@ -10,18 +10,20 @@ jump with where they fall; impacts are not as regular.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jax import lax
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold
 from jaxpound._fields import node_classes, rules
+from jaxpound._xla.batches import spread, without_mesh
+from jaxpound._xla.derivatives import recomputed
+from jaxpound._xla.plan import choice
+from jaxpound._xla.quotients import differentiated_with, unknown
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion
 from jaxpound.ground.run_input import as_run
@@ -31,9 +33,7 @@ from jaxpound.model.system import Structures, System, gravity_of
 from jaxpound.model.topology import Topology
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
-from jaxpound.simulation.batches import spread, without_mesh
 from jaxpound.simulation.constants import StepConstants, has_flows
-from jaxpound.simulation.contact.coupled import FLOW
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
 from jaxpound.simulation.state import Instant, Now, RunState
@@ -41,6 +41,11 @@ from jaxpound.simulation.step import accelerations, step
 
 T = TypeVar("T")
 _SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}  # series of a response, to be extrapolated
+
+
+def program_key(case: Any) -> Hashable:
+    """What a run's program depends on beside its arguments: classes of the case, choice of plan."""
+    return node_classes(case), choice()
 
 
 class Rollout(NamedTuple):
@@ -60,7 +65,6 @@ class Rollout(NamedTuple):
         self,
         observe: Callable[[Any, Instant, jax.Array], tuple[Any, Any]],
         start: Any,
-        segmented: bool = False,
     ) -> tuple[tuple[RunState, Any], Any]:
         """The run with ``observe`` at every instant.
 
@@ -75,9 +79,8 @@ class Rollout(NamedTuple):
             result, stored = observe(result, now, inputs[1])
             return (state, result), c, stored if with_flows else (stored, now.needs_flow)
 
-        short = partial(step, False) if self.constants.has_shortcut and not segmented else None
-        start = self.start, start
-        return self.scan(partial(step, True), start, segmented=segmented, short=short)
+        short = partial(step, False) if self.constants.has_flows else None
+        return self.scan(partial(step, True), (self.start, start), short=short)
 
     @staticmethod
     def of(
@@ -87,19 +90,19 @@ class Rollout(NamedTuple):
         scheme: Scheme,
         extra: Any = None,
         extra_rules: Callable[[Any], list[Rule]] = lambda extra: [],
-        slots: int = 0,
+        keep: bool = False,
         initial: InitialState | None = None,
     ) -> Rollout:
         """The rollout of structures under a ground motion, which is a pytree; see ``simulate``.
 
-        ``extra`` is a pytree of further numbers that the run uses, ``slots`` how many impacts of
-        each link are recorded in one step.
+        ``extra`` is a pytree of further numbers that the run uses; ``keep`` says whether its every
+        instant is kept.
         """
         dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
         cast = partial(jax.tree.map, lambda x: jnp.asarray(x, dtype))
         structures, ground, extra, initial = cast((structures, ground, extra, initial))
         # Else XLA would fold all that follows from structures that are constants of the program.
-        structures = jax.tree.map(lax.optimization_barrier, structures)
+        structures = jax.tree.map(unknown, structures)
         # Before the batch is spread: orders and samples that all runs share are not copied.
         memories = [zener_of(rod.material) for rod in structures.system().rods]
         orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
@@ -117,11 +120,11 @@ class Rollout(NamedTuple):
         valid &= all_hold([] if initial is None else initial_rules(initial, system, dt))
         zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
         if any(link.contact or link.velocity_friction for link in system.links):
-            zero = _differentiated_with(zero, (structures, ground, extra, initial))
+            zero = differentiated_with(zero, (structures, ground, extra, initial))
         displaced = velocities = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
-        constants = StepConstants.of(system, scheme.friction, dt, scheme.order, slots, displaced)
+        constants = StepConstants.of(system, scheme, dt, keep, displaced)
         start = constants.start(zero, displaced, velocities)
         excitation = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
         # The paper has x_0 = x_1 = 0: there the step to t_1 begins from the start, too.
@@ -140,10 +143,8 @@ class Rollout(NamedTuple):
                 state = jax.tree.map(lambda x, y: jnp.where(m <= begins, x, y), start, state)
             return step(constants, state, sums, now, with_flows)
 
-        if constants.has_flows or (constants.is_long and constants.yields):
-            # Reverse mode then keeps fewer numbers of each step.
-            kept = jax.checkpoint_policies.save_only_these_names(FLOW)
-            advance = jax.checkpoint(advance, prevent_cse=False, policy=kept, static_argnums=(4,))
+        if constants.plan.recomputed_steps:
+            advance = recomputed(advance, static_argnums=(4,), but_kept=True)
 
         scan = partial(
             scan_with_history,
@@ -152,26 +153,9 @@ class Rollout(NamedTuple):
             history=scheme.history,
             inputs=excitation.series,
             checkpoint=scheme.checkpoint,
-            block=constants.block,
+            plan=constants.plan,
         )
         return Rollout(system, constants, zero, start, extra, advance, scan)
-
-
-@jax.custom_jvp
-def _differentiated_with(x: jax.Array, numbers: Any) -> jax.Array:
-    """x, with a derivative of zero by the numbers, so that all that starts as x has one.
-
-    Otherwise JAX finds out step by step which states have a derivative, and differentiates a step
-    anew each time.
-    """
-    return x
-
-
-@partial(_differentiated_with.defjvp, symbolic_zeros=True)
-def _(primals: Any, tangents: Any) -> Any:
-    changes = [t for t in jax.tree.leaves(tangents) if not isinstance(t, SymbolicZero)]
-    # Not 0 * change: a weight in reverse mode may be infinite, and an array of numbers empty.
-    return primals[0], jnp.where(False, changes[0], 0).sum()
 
 
 def extrapolated(coarse: T, fine: T) -> T:
@@ -234,14 +218,14 @@ def observed_at(
     """
     ground = as_run(ground, scheme.finest(grid), gravity_of(structures))
     case = structures, ground
-    return _observed_at(observer, case, node_classes(case), grid, scheme, jnp.asarray(instant))
+    return _observed_at(observer, case, program_key(case), grid, scheme, jnp.asarray(instant))
 
 
-@partial(jax.jit, static_argnames=("observer", "classes", "grid", "scheme"))
+@partial(jax.jit, static_argnames=("observer", "key", "grid", "scheme"))
 def _observed_at(
     observer: Observer,
     case: tuple[Structures, Ground],
-    classes: tuple[type, ...],
+    key: Hashable,
     grid: TimeGrid,
     scheme: Scheme,
     number: Any,

@@ -7,7 +7,7 @@ where ``step`` moves it and ``Tally`` observes it, to a ``Demand`` or a ``Respon
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from functools import partial
 from typing import Any, cast
 
@@ -18,7 +18,8 @@ from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number
 from jaxpound._errors import InvalidInput, warn
-from jaxpound._fields import node_classes, rules
+from jaxpound._fields import rules
+from jaxpound._xla.programs import note_long_compilations
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, require_ground
 from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen
@@ -30,9 +31,14 @@ from jaxpound.model.topology import GROUND, Topology
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response
-from jaxpound.simulation.contact.records import SLOTS, Contact
-from jaxpound.simulation.programs import note_long_compilations
-from jaxpound.simulation.rollout import Rollout, extrapolated, extrapolated_response
+from jaxpound.simulation.constants import contacts
+from jaxpound.simulation.contact.records import Contact
+from jaxpound.simulation.rollout import (
+    Rollout,
+    extrapolated,
+    extrapolated_response,
+    program_key,
+)
 from jaxpound.simulation.scheme import (
     Scheme,
     imprecise,
@@ -41,7 +47,6 @@ from jaxpound.simulation.scheme import (
     single_system,
 )
 from jaxpound.simulation.series import StoredSeries, response_of
-from jaxpound.simulation.constants import contacts
 from jaxpound.simulation.state import Instant
 from jaxpound.simulation.tally import Tally
 
@@ -132,7 +137,7 @@ def respond(
     ground_motion = _prepare(owner, structures, ground, grid, scheme, strict, initial)
     balanced = not is_traced((structures, ground_motion, initial))
     case = structures, ground_motion, initial
-    response, residual = _simulate(case, node_classes(case), grid, scheme, balanced)
+    response, residual = _simulate(case, program_key(case), grid, scheme, balanced)
     response = _finished(response)
     if balanced and not is_traced(residual):
         warn(owner, unbalanced(residual), strict)
@@ -195,7 +200,7 @@ def demand(
             raise InvalidInput("demand", "only", repr(only), "must hold names of scalars")
         only = tuple(only)
     case = structures, ground_motion, initial
-    scalars = _finished(_demand(case, node_classes(case), grid, scheme, temperature, only))
+    scalars = _finished(_demand(case, program_key(case), grid, scheme, temperature, only))
     scalars = dataclasses.replace(scalars, si=gravity_of(structures) is not None)
     if only is None:
         _warn_of_results("demand", structures, ground, scalars, strict)
@@ -244,9 +249,9 @@ def _run(
 
     And by mass the share of the ground's motion that it has beside its joints'.
     """
-    (structures, ground, initial), slots = case, SLOTS if keep else 0
+    structures, ground, initial = case
     extra = temperature, _temperature_rules
-    run = Rollout.of(structures, ground, grid, scheme, *extra, slots, initial)
+    run = Rollout.of(structures, ground, grid, scheme, *extra, keep, initial)
     system, zero, temperature, n = run.system, run.zero, run.extra, grid.n_steps
 
     def observe(tally: Tally, now: Instant, m: jax.Array) -> tuple[Tally, StoredSeries | None]:
@@ -256,7 +261,7 @@ def _run(
         return tally, StoredSeries.of(now, tally, run.constants) if keep else None
 
     start = Tally.start(run.constants, system, zero, temperature is not None, run.start)
-    (state, tally), kept = run.observed(observe, start, segmented=keep)
+    (state, tally), kept = run.observed(observe, start)
     ends = contacts(run.constants, state, len(system.links))
     set_valued = scheme.friction.set_valued
     scalars = tally.demand(run.constants, system, state, ends, set_valued, temperature)
@@ -268,10 +273,10 @@ def _run(
     return system, *results, run.constants.with_ground
 
 
-@partial(jax.jit, static_argnames=("classes", "grid", "scheme", "only"))
+@partial(jax.jit, static_argnames=("key", "grid", "scheme", "only"))
 def _demand(
     case: Case,
-    classes: tuple[type, ...],  # ``node_classes`` of the case
+    key: Hashable,
     grid: TimeGrid,
     scheme: Scheme,
     temperature: ArrayLike | None,
@@ -284,9 +289,9 @@ def _demand(
     return scalars if only is None else scalars.only(only)
 
 
-@partial(jax.jit, static_argnames=("classes", "grid", "scheme", "balanced"))
+@partial(jax.jit, static_argnames=("key", "grid", "scheme", "balanced"))
 def _simulate(
-    case: Case, classes: tuple[type, ...], grid: TimeGrid, scheme: Scheme, balanced: bool
+    case: Case, key: Hashable, grid: TimeGrid, scheme: Scheme, balanced: bool
 ) -> tuple[Response, jax.Array | None]:
     """The response and, if ``balanced``, the share of its energy that the balance leaves."""
 

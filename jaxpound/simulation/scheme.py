@@ -179,12 +179,12 @@ def _unresolved(system: System, dt: float) -> list[str]:
 
     Its force lags by half a step, which acts as −c dt/2 of mass (the table on the page on dampers).
     """
-    for r, (rod, mobility) in enumerate(zip(system.rods, _mobilities(system), strict=True)):
-        law, numbers = rod.material, (rod.material, rod.stiffness, mobility)
+    for r, (rod, response) in enumerate(zip(system.rods, _mobilities(system), strict=True)):
+        law, numbers = rod.material, (rod.material, rod.stiffness, response)
         if not isinstance(law, PowerLaw) or not is_known_and_single(numbers) or not law.force:
             continue
         c, stiffness = float(law.force / law.velocity), float(rod.stiffness)
-        lag, steps = c * dt / 2 * float(mobility), dt * stiffness / c
+        lag, steps = c * dt / 2 * float(response), dt * stiffness / c
         if steps > _RESOLVED and lag > _NO_LAG:
             return [
                 f"{_part(system.topology, r)}: dt is {steps:.3g} times c/K, with c = F/v of the "

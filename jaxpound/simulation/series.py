@@ -15,9 +15,9 @@ from jaxpound.model.system import Link, System
 from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
+from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.contact.records import Contact, Impacts, is_deformed
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.state import Instant
 from jaxpound.simulation.tally import Tally
 

@@ -125,4 +125,5 @@ class Sliding(NamedTuple):
 
 def less_ground(pull: Any, influence: Any, ground: jax.Array) -> Any:
     """A pull with the acceleration of the ground, which drops out where all ends move with it."""
-    return pull if isinstance(influence, int | float) and not influence else pull - influence * ground
+    moves_all = isinstance(influence, int | float) and not influence
+    return pull if moves_all else pull - influence * ground

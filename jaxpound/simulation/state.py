@@ -98,7 +98,8 @@ class GapStep(NamedTuple):
         """That of the gaps of a flow."""
         now, log = result.now, result.log
         energies = now.stored, result.stored, now.lost, result.lost
-        return GapStep(now.contact_force, *energies, *(getattr(log, k) for k in GapStep._fields[5:]))
+        events = (getattr(log, name) for name in GapStep._fields[5:])
+        return GapStep(now.contact_force, *energies, *events)
 
 
 class LinkInstant(NamedTuple):

@@ -1,11 +1,12 @@
 """One step of a system, from t_m to t_{m+1}, in the order of the page on the numerics.
 
-    M x'' = −Bᵀ f − Cᵀ (q + p) − M ι u''        rods f(e), e = B x;   joints q(s'), p(s, s'), s = C x
+    M x'' = −Bᵀ f − Cᵀ (q + p) − M ι u''     rods f(e), e = B x;   joints q(s'), p(s, s'), s = C x
 
 Rods have forces f, joints friction q and contact forces p. Kick and drift: velocities live half a
-step before displacements, v_{m+1/2} = v_{m−1/2} + h a_m and x_{m+1} = x_m + h v_{m+1/2}, the central
-difference of the paper's eqs. (10) and (12) without its cancellation. Every mass moves freely; a
-joint has a closing and a velocity of its own, so that stick is exact, and its masses follow it.
+step before displacements, v_{m+1/2} = v_{m−1/2} + h a_m and x_{m+1} = x_m + h v_{m+1/2}. This is
+the central difference of the paper's eqs. (10) and (12) without its cancellation. Every mass moves
+freely; a joint has a closing and a velocity of its own, so that stick is exact, and its masses
+follow it.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxpound._xla.alike import map_alike
 from jaxpound.model.ends import along, load_on
-from jaxpound.simulation.alike import map_alike
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState
@@ -94,7 +95,7 @@ def rods_at(
     def at(law: RodLaw, state: Any, elongation: Any, total: Any, *mean: Any) -> RodStep:
         return law.step(state, elongation, total, is_first, *mean)
 
-    return map_alike(at, arguments, system.has_laws_in_arrays)
+    return map_alike(at, arguments, system.plan.laws_in_arrays)
 
 
 def with_mean_samples(

@@ -60,7 +60,8 @@ class _Observed(NamedTuple):
                 steps = [step for k in of_joint if (step := now.links[k].gap) is not None]
                 if steps:
                     # The closing at its turn, as far as its own change moves the masses.
-                    shares = [group.shares.get(mass, (0.0,) * len(links)) for mass in range(len(now.x))]
+                    zeros = (0.0,) * len(links)
+                    shares = [group.shares.get(mass, zeros) for mass in range(len(now.x))]
                     share = along(ends, [of_mass[number] for of_mass in shares])
                     link = now.links[of_joint[0]]
                     late, turn = link.turns.farthest_time, link.turns.farthest - link.closing
@@ -180,7 +181,7 @@ class Tally(NamedTuple):
             )
             for link, closing in zip(system.links, closings, strict=True)
         )
-        peaks = partial(Peaks.start, zero, in_arrays=constants.has_many_peaks)
+        peaks = partial(Peaks.start, zero, in_arrays=constants.plan.peaks_in_arrays)
         return Tally(
             ground=GroundPeaks(zero, zero, zero, zero),
             displacements=peaks(len(topology.observed_ends)),

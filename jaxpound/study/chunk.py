@@ -18,6 +18,7 @@ import scipy
 from jaxpound._checks import refusal
 from jaxpound._errors import InvalidInput
 from jaxpound._version import __version__
+from jaxpound._xla.batches import even_share, in_chunks, runs_at_a_time
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground
 from jaxpound.ground.plausibility import first_of
@@ -27,7 +28,6 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.elements import is_valid
 from jaxpound.scenarios import scenarios as sets
 from jaxpound.scenarios.sampling import Points, as_key, points
-from jaxpound.simulation.batches import even_share, in_chunks, runs_at_a_time
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.store.archive import DamagedError, digest, require_name

@@ -11,6 +11,7 @@ import numpy as np
 from jaxpound._checks import Rule, count, enforce, instance, require_share, seed
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._tables import Shown, TextTable
+from jaxpound._xla.batches import in_chunks
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.system import gravity_of
@@ -18,7 +19,6 @@ from jaxpound.model.topology import Topology
 from jaxpound.results.named import in_words
 from jaxpound.scenarios.sampling import points
 from jaxpound.scenarios.scenarios import ScenarioSet, grounds_at, parameter_names, structures_of
-from jaxpound.simulation.batches import in_chunks
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.demands import demands_of, doubts
 from jaxpound.study.statistics import Estimate

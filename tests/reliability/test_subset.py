@@ -321,7 +321,8 @@ import sys
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxpound as jp
-import tests.layout
+from jaxpound._xla import plan
+plan.choose(plan.looped)
 from tests.reliability.test_subset import GRID, SCENARIOS, STORED
 event = {"demand": "peak_x1", "threshold": float(sys.argv[2])}
 jp.subset_simulation(SCENARIOS, GRID, **event, **STORED, store=sys.argv[1])

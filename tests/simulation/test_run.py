@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 import jaxpound as jp
+from jaxpound._xla import plan
 from jaxpound.simulation import rollout
 from jaxpound.simulation import run as simulation
-from tests.layout import looped, written_out  # noqa: F401
 from tests.reference import convergence_order, load, paper_algorithm
 from tests.refusals import refusals, refused
 from tests.simulation.pairs import in_unit_of_time
@@ -28,7 +28,21 @@ GRID, SHORT = jp.TimeGrid(0.02, 600), jp.TimeGrid(0.02, 50)
 LONG = jp.TimeGrid(0.02, 10_000)
 """Until 20 at steps of 0.002, in a unit of time of which 0.02 are one: see ``in_unit``."""
 
+
+@pytest.fixture(autouse=True, scope="module")
+def planned_as_users_runs_are():
+    with plan.chosen(plan.fast):
+        yield
+
+
+@pytest.fixture
+def looped():
+    with plan.chosen(plan.looped):
+        yield
+
+
 LOOPED = pytest.mark.usefixtures("looped")
+"""Tests of little but their programs, which compile in half the time as loops."""
 
 # What is tried there may be coarse, at rest or in records of 22 g.
 IMPLAUSIBLE = pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")

@@ -334,7 +334,8 @@ FILLING = """
 import sys
 import jax
 jax.config.update("jax_enable_x64", True)
-import tests.layout
+from jaxpound._xla import plan
+plan.choose(plan.looped)
 from tests.study.test_run import study
 study(n=12_000, store=sys.argv[1], chunk_size=1000, shard=(int(sys.argv[2]), 2))
 """

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.ad_checkpoint import checkpoint_name
 
+from jaxpound._xla.alike import by_kind, stacked, unstacked
+from jaxpound._xla.derivatives import kept
 from jaxpound.model.contact import with_mass
 from jaxpound.model.ends import along
 from jaxpound.model.joints import Joint
 from jaxpound.model.system import System
-from jaxpound.simulation.alike import by_kind, stacked, unstacked
 from jaxpound.simulation.contact import group as functions
 from jaxpound.simulation.contact.forces import inverse_of, times
 from jaxpound.simulation.contact.group import Coupling, Flow, Gaps
@@ -34,8 +34,6 @@ from jaxpound.simulation.state import (
     SeenJoints,
     link_instants,
 )
-
-FLOW = "local flow"  # name of its results, which reverse mode keeps where it computes steps anew
 
 
 class Inerters(NamedTuple):
@@ -125,7 +123,7 @@ class Coupled(NamedTuple):
         def samples(result: FlowResult, used: jax.Array, before: JointState) -> Any:
             return functions.samples(result, used, before, now, h)
 
-        result, used = checkpoint_name(self._map(run, self.coupling, before, pull), FLOW)
+        result, used = kept(self._map(run, self.coupling, before, pull))
         return Flow(pull, result, used, *self._map(samples, result, used, before))
 
     def needs_flow(self, before: JointState, pull: jax.Array, now: Now, h: float) -> jax.Array:
@@ -165,7 +163,9 @@ class Coupled(NamedTuple):
         forces = tuple(force for group in groups for force in group.forces)
         inert, number, links = inertia(forces), 0, dict[int, LinkInstant]()
         for group, seen in zip(self.of, groups, strict=True):
-            for joint, joint_moved, jumps in zip(group.joints, seen.moved, seen.jumped, strict=True):
+            for joint, joint_moved, jumps in zip(
+                group.joints, seen.moved, seen.jumped, strict=True
+            ):
                 links |= link_instants(joint, joint_moved, jumps, inert.get(number), seen.gaps)
                 number += 1
         return SeenJoints(forces, links, tuple(seen.jumps for seen in groups))
@@ -287,9 +287,7 @@ def _coupled(
         for link, side in joint.faces
         if system.links[link].contact is not None
     ]
-    laws = tuple(
-        with_mass(system.links[link].contact, 1 / delassus[n, n]) for n, _, link in gaps
-    )
+    laws = tuple(with_mass(system.links[link].contact, 1 / delassus[n, n]) for n, _, link in gaps)
     sizes = [system.links[link].gap for _, _, link in gaps]
     coupling = Coupling(
         delassus=delassus,

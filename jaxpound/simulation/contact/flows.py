@@ -8,15 +8,11 @@ from typing import Any
 import jax
 from jax import lax
 
-from jaxpound.simulation.contact.derivatives import Program, in_both_modes
+from jaxpound._xla.derivatives import Program, in_both_modes
+from jaxpound._xla.lanes import lanes_at_a_time, where_needed
 from jaxpound.simulation.contact.forces import Constants
-from jaxpound.simulation.contact.lanes import where_needed
 from jaxpound.simulation.contact.local_flow import advance, result, start, unfinished
 from jaxpound.simulation.contact.records import DISCRETE, Clock, FlowInput, FlowResult, Gaps
-
-_LANES, _LANES_IN_REVERSE, _LANES_ON_GPU = 8, 2, 256
-"""Lanes of a batch, at most, that are followed side by side: on CPUs, on CPUs in reverse (each of
-them has a dozen columns), and on other devices."""
 
 
 def flow(
@@ -43,14 +39,11 @@ def _differentiable(h: float, slots: int, gaps: Gaps) -> Program:
         return not (path[0].name == "contact" and path[1].name in DISCRETE)
 
     def in_lanes(program: Program, reverse: bool) -> Program:
-        width = _LANES_ON_GPU
-        if jax.default_backend() == "cpu":
-            width = _LANES_IN_REVERSE if reverse else _LANES
-        work = where_needed(program, width)
+        work = where_needed(program, lanes_at_a_time(reverse))
 
         def mapped(inputs: FlowInput, constants: tuple[jax.Array, Clock], *more: Any) -> Any:
             return work(constants[0], inputs, constants, *more)
 
         return mapped
 
-    return in_both_modes(run, is_differentiated, in_lanes)
+    return in_both_modes(run, "a run with contact", is_differentiated, in_lanes)

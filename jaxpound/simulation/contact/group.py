@@ -1,8 +1,8 @@
 r"""Joints that may touch or that share masses, over one step of a run.
 
 A group of such joints runs the local flow (``flows``) where it needs it: in contact, where a
-gap may close within the step, and, for joints that share masses, where slip or stick ends. All other
-steps have closed forms.
+gap may close within the step, and, for joints that share masses, where slip or stick ends. All
+other steps have closed forms.
 
 An impact is a kink of the path. If the rods took the position at an instant of the grid, where in
 the step the kink falls would leave a ragged error of order h² in the path that they see, and of

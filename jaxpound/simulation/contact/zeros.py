@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxpound._extrema import larger, smaller
+from jaxpound._xla.quotients import unknown
 
 _STEEPEST = 1e3  # largest slope, over the values
 _ITERATIONS = 3  # of Laguerre's method
@@ -47,7 +48,7 @@ def first_zero(
     falls = at_early | at_late | (end < -noise)
 
     # Else XLA would compute all this anew for each result.
-    low, high, slope, bend, twist = lax.optimization_barrier((low, high, slope, bend, twist))
+    low, high, slope, bend, twist = unknown((low, high, slope, bend, twist))
     first, width, value, fall = low, high - low, cubic(low), (high - low) * growth(low)
     starts_there = value <= noise
     root = jnp.sqrt(larger(fall**2 - 4 * value * (cubic(high) - value - fall), 0.0))

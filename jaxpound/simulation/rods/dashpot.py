@@ -11,8 +11,9 @@ from jax import lax
 from jax.tree_util import register_dataclass
 
 from jaxpound._extrema import smaller
+from jaxpound._xla.quotients import once, unit_of
 from jaxpound.model.dampers import PowerLaw
-from jaxpound.simulation.rods.law import RodLaw, RodStep, once
+from jaxpound.simulation.rods.law import RodLaw, RodStep
 
 _ITERATIONS = 8  # of Newton's method, to rounding
 
@@ -49,9 +50,10 @@ class Dashpot(RodLaw):
         self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
     ) -> RodStep:
         """The rod at t_m; the dashpot cannot follow an impact."""
-        now = once(self._moved(before, elongation), self.modulus)
+        unit = unit_of(0 * self.modulus)
+        now = once(self._moved(before, elongation), unit)
         sample = elongation if mean is None else mean
-        force = once(self.modulus * (sample - now.slid), self.modulus)
+        force = once(self.modulus * (sample - now.slid), unit)
         return RodStep(force, force, now)
 
     def dissipated(self, state: DashpotState) -> Any:

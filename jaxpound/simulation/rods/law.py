@@ -148,9 +148,3 @@ class Sum(RodLaw):
 def _single(numbers: Iterable[Any]) -> Any:
     """The number that is not None, if there is one."""
     return next((x for x in numbers if x is not None), None)
-
-
-def once(tree: Any, number: jax.Array) -> Any:
-    """Numbers over 1 as number/number: XLA computes quotients once, all else for each use."""
-    one = number / number
-    return jax.tree.map(lambda y: y / one, tree)

@@ -94,7 +94,7 @@ def _followed(place: jax.Array, e: jax.Array, e_y: jax.Array) -> jax.Array:
 def _outcome(place: jax.Array, x: _SliderPath) -> tuple[jax.Array, ...]:
     """The place at the end, the distance slid, the place less its mean over the kick; the turn."""
     slid = jnp.abs(x.turned - place) + jnp.abs(x.place - x.turned)
-    # As a quotient XLA computes it once; it computes products again for each use.
+    # As a quotient, which XLA computes once: see ``_xla.quotients``.
     kink = x.way * (x.speed_then * x.left) ** 2 / (2 * x.speed_then)
     return x.place, slid, kink, jnp.where(x.turns, -x.ratio, -1.0), x.way, x.at_turn, x.turned
 

@@ -26,9 +26,10 @@ from jaxpound._checks import Rule, all_hold, count, enforce, finite, instance, r
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import rules
+from jaxpound._xla.quotients import once, unit_of
 from jaxpound.model.hysteresis import HysteresisLaw
 from jaxpound.model.system import Rod
-from jaxpound.simulation.rods.law import RodLaw, RodStep, once
+from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.rods.slider import Turn, has_slider, slider_step
 
 _MIXED = 2  # phase of a step in which the slope of the force jumps
@@ -91,7 +92,9 @@ class Hysteretic(RodLaw):
         if has_slider(law):
             state, kink, turn = slider_step(law, before.of_law, *path)
         else:
-            state, kink, turn = once(followed(self, before.of_law, *path), self.modulus)
+            state, kink, turn = once(
+                followed(self, before.of_law, *path), unit_of(0 * self.modulus)
+            )
         force_at, sample = state, e
         if mean is not None:
             sample = self.within(mean)
@@ -168,12 +171,12 @@ def followed(
     The elongation was ``last`` and is e; it changed by ``change``, which is more than a step before
     by ``gain``.
     """
-    law, k = rod.law, rod.modulus
-    speed = once(change + gain / 2, k)  # at t_m; at t_{m−1} it was less by the gain
+    law, unit = rod.law, unit_of(0 * rod.modulus)
+    speed = once(change + gain / 2, unit)  # at t_m; at t_{m−1} it was less by the gain
     turns = speed * (speed - gain) < 0
     divisor = jnp.where(turns, gain, 1.0)
     at_turn = jnp.where(turns, e - speed**2 / (2 * divisor), last)
-    turned = once(law.advance(before, last, at_turn), k)
+    turned = once(law.advance(before, last, at_turn), unit)
     state = law.advance(turned, at_turn, e)
     direction = jnp.where(speed < 0, -1.0, 1.0).astype(e.dtype)
     turn = Turn(jnp.where(turns, -speed / divisor, -1.0), direction, at_turn, turned)

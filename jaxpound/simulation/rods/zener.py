@@ -16,6 +16,7 @@ from jax.tree_util import register_dataclass
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, finite, real
+from jaxpound._xla.plan import Work, choice
 from jaxpound.model.rod import ZenerRod
 from jaxpound.simulation.history import HistorySum, ModalHistory
 from jaxpound.simulation.rods.law import RodLaw, RodStep
@@ -75,7 +76,7 @@ class Zener(RodLaw):
         """The rod at t_m; it remembers c_m = K τ_x e_m − τ_f f_m."""
         e, rest = elongation if mean is None else mean, self.relaxed_at
         e = e if rest is None else e - rest
-        # Kept as a division: XLA computes a quotient once, but a product again wherever f is used.
+        # Kept as a quotient, which XLA computes once: see ``_xla.quotients``.
         f = (self.stiffness * e + self.lag * before + self.memory * total) / self.divisor
         force = f if rest is None else f + self.modulus * rest
         c = self.modulus * self.tau_x * e - self.tau_f * f
@@ -136,7 +137,8 @@ def rod_force(
         return at.state, [at.remembered], at.force
 
     rest = jnp.zeros((), dtype)
-    return scan_with_history(advance, rest, x.size - 1, [rod.order], history, x)[1]
+    plan = choice()(Work(elements=1))
+    return scan_with_history(advance, rest, x.size - 1, [rod.order], history, x, plan)[1]
 
 
 def nyquist_stiffness(rod: ZenerRod, modulus: ArrayLike, dt: ArrayLike, order: int) -> Any:

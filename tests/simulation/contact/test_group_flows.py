@@ -1,13 +1,9 @@
-"""Functions of many arguments of few kinds."""
+"""Groups of links whose flows are one program."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.simulation.alike import by_kind, map_alike
-from jaxpound.simulation.rods.yielding import Hysteretic, HystereticState
 
 GRID = jp.TimeGrid(0.02, 400)
 RODS = [jp.Rod(jp.ZenerRod(0.5, 0.05, 0.2), k) for k in (4.0, 9.0, 15.0, 6.0, 8.0, 20.0)]
@@ -20,29 +16,6 @@ def pounding(*links):
     n = 1 + max(max(link.ends) for link in links)
     rods = [jp.Rod(rod.material, rod.stiffness, (i, jp.GROUND)) for i, rod in enumerate(RODS[:n])]
     return jp.System((1.0,) * n, rods, links)
-
-
-def rods():
-    """Rods that yield, of two laws: arguments of their steps."""
-    laws = [jp.BoucWen(0.1 * i, 0.05, 1.5, 0.4, 0.02) for i in (1.0, 2.0, 3.0)]
-    laws.insert(1, jp.Bilinear(0.1, 0.05))
-    cast = jax.tree.map(jnp.asarray, laws)
-    states = [
-        HystereticState(law.start(0.2), jnp.asarray(0.2), jnp.asarray(0.06), None) for law in cast
-    ]
-    moduli = (2.0, 3.0, 4.0, 5.0)
-    constants = [Hysteretic(law, jnp.asarray(k)) for law, k in zip(cast, moduli, strict=True)]
-    ends = (0.27, 0.1, 0.19, 0.3)
-    return [(*rod, jnp.asarray(x)) for *rod, x in zip(constants, states, ends, strict=True)]
-
-
-def test_rods_of_one_law_are_a_program_that_steps_as_each_of_them_does():
-    def step(constants, before, elongation):
-        return constants.step(before, elongation, None, None)
-
-    assert by_kind(rods()) == [[0, 2, 3], [1]]
-    together, apart = (jax.tree.leaves(map_alike(step, rods(), x)) for x in (True, False))
-    np.testing.assert_allclose(together, apart, rtol=1e-14)
 
 
 ROW = [((0, 1), BOTH), ((1, 2), ONE_SIDE)], [((3, 4), ONE_SIDE), ((4, 5), BOTH)]

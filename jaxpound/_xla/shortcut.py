@@ -1,8 +1,8 @@
 """A shorter program for the runs of a batch that do not need the whole one.
 
-A batch computes what any of its runs may need for all of them, and of a step with contact that is
-most of the work, though few runs have contact at a time. ``with_shortcut`` takes a program without
-it for all runs of the batch, which also tests what each of them needs; those that need more are
+A batch computes what any of its runs may need for all of them. Of a step with an inner loop that is
+most of the work, though few runs need it at a time. ``with_shortcut`` takes a program without it
+for all runs of the batch, which also tests what each of them needs; those that need more are
 computed once more by the whole program, in groups.
 """
 
@@ -20,8 +20,8 @@ from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jax.extend.core import Jaxpr
 
-from jaxpound.simulation.batches import on_each_device
-from jaxpound.simulation.contact.lanes import next_lanes
+from jaxpound._xla.batches import on_each_device
+from jaxpound._xla.lanes import next_lanes
 
 _SMALLEST = 64  # runs of a group, at least: so many take hardly longer than a few
 _MOST_GROUPS = 8  # of a batch: each of them reads and writes the results of all runs

@@ -15,10 +15,20 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 
-from jaxpound.simulation.batches import on_each_device
+from jaxpound._xla.batches import on_each_device
+
+_ON_CPU, _ON_CPU_IN_REVERSE, _ELSEWHERE = 8, 2, 256
+"""Lanes of a batch, at most, that work side by side; in reverse each has a dozen columns."""
 
 _FEW = 16  # lanes, all computed where any needs it: XLA makes no kernel of a loop that scatters
 _COMPARED = 4096  # lanes up to which comparing all of them finds the next; beyond, a binary search
+
+
+def lanes_at_a_time(reverse: bool) -> int:
+    """The default width of ``where_needed``."""
+    if jax.default_backend() != "cpu":
+        return _ELSEWHERE
+    return _ON_CPU_IN_REVERSE if reverse else _ON_CPU
 
 
 def where_needed(work: Callable[..., Any], width: int) -> Callable[..., Any]:

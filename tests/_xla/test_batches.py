@@ -126,9 +126,9 @@ import sys
 import jax, jaxpound as jp, numpy as np
 jax.config.update("jax_enable_x64", True)
 assert jp.use_cores(2) == 2
-from jaxpound.simulation import state; state.WRITTEN_OUT = 0  # tests/layout.py
+from jaxpound._xla import plan; plan.choose(plan.looped)
 from jax.sharding import Mesh, PartitionSpec as P
-from tests.simulation.test_batches import batch, gaps, impulses, min_gap
+from tests._xla.test_batches import batch, gaps, impulses, min_gap
 
 assert len(jax.devices()) == 2
 

@@ -16,8 +16,8 @@ import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
 import jaxpound as jp
+from jaxpound._xla import programs
 from jaxpound.cli import main as cli
-from jaxpound.simulation import programs
 
 posix = pytest.mark.skipif(os.name == "nt", reason="Windows has no owners and modes")
 SETTINGS = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")

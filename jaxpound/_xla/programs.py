@@ -89,7 +89,7 @@ def use_loop_kernels() -> None:
 
     From JAX 0.12 on XLA does so by itself, and this function does nothing. Older versions start
     every small operation of a step on its own, some 50 ns each. As one kernel a single run takes a
-    third of the time, and a tenth with its gradient; a pair with contact takes a tenth, and a
+    third of the time, and a tenth with its gradient; one that collides takes a tenth, and a
     twentieth with its gradient. Batches gain little or nothing. Results differ by rounding at most.
     Call it once, before JAX computes anything; the command line does so by itself. It adds an
     option of XLA to the environment variable ``XLA_FLAGS``, which processes started from this one

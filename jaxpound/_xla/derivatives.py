@@ -1,21 +1,43 @@
-"""Derivatives in both modes of a function with a loop, which JAX differentiates forwards only."""
+"""What reverse mode keeps; derivatives in both modes of a loop, of which JAX has those of one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.ad_checkpoint import checkpoint_name
 from jax.flatten_util import ravel_pytree
 
+T = TypeVar("T")
 Program = Callable[..., Any]
+_KEPT = "kept"
+
+
+def recomputed(
+    function: Program, static_argnums: Sequence[int] = (), *, but_kept: bool = False
+) -> Program:
+    """A function of which reverse mode keeps the arguments, and computes the rest anew.
+
+    It may also keep those of its numbers that are ``kept``.
+    """
+    policy = jax.checkpoint_policies.save_only_these_names(_KEPT) if but_kept else None
+    statics = tuple(static_argnums)
+    return jax.checkpoint(function, prevent_cse=False, policy=policy, static_argnums=statics)
+
+
+def kept(tree: T) -> T:
+    """Numbers that take long to compute: see ``recomputed``."""
+    return checkpoint_name(tree, _KEPT)
 
 
 def in_both_modes(
     function: Program,
+    name: str,
     is_differentiated: Callable[[Any], bool] = lambda path: True,
     mapped: Callable[[Program, bool], Program] = lambda program, reverse: program,
 ) -> Program:
@@ -33,6 +55,8 @@ def in_both_modes(
     ----------
     function
         May have ``lax.while_loop``; both modes share one trace of it.
+    name
+        What the error of a second derivative calls it.
     is_differentiated
         Whether a leaf of the inputs, by its path, may have a derivative other than zero.
     mapped
@@ -41,6 +65,7 @@ def in_both_modes(
         program is that of reverse mode.
     """
     function = jax.jit(function)
+    without_second = partial(jax.tree.map, partial(no_second_derivative, name))
 
     @jax.jit
     def push(inputs: Any, constants: Any, change: Any) -> Any:
@@ -69,7 +94,7 @@ def in_both_modes(
     @jax.custom_jvp
     def differentiable(inputs: Any, constants: Any) -> Any:
         # Where JAX computes a run's steps anew, second derivatives reach this function itself.
-        return run(jax.tree.map(_differentiated_once, inputs), constants)
+        return run(without_second(inputs), constants)
 
     @differentiable.defjvp
     def linear(primals: Any, tangents: Any) -> Any:
@@ -81,7 +106,7 @@ def in_both_modes(
         # Only second derivatives would evaluate the system itself.
         change, as_inputs = ravel_pytree(tangents[0])
         # In one array, inputs that are the same on all devices differ as their changes do.
-        inputs = as_inputs(ravel_pytree(jax.tree.map(_differentiated_once, inputs))[0])
+        inputs = as_inputs(ravel_pytree(without_second(inputs))[0])
         flat, as_out = ravel_pytree(out)
         n = change.size
 
@@ -100,11 +125,12 @@ def in_both_modes(
     return differentiable
 
 
-@jax.custom_jvp
-def _differentiated_once(x: jax.Array) -> jax.Array:
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def no_second_derivative(name: str, x: Any) -> Any:
+    """x, of which a derivative is refused: it would be the second one of what has the name."""
     return x
 
 
-@_differentiated_once.defjvp
-def _not_twice(primals: Any, tangents: Any) -> Any:
-    raise NotImplementedError("second derivatives of a run with contact are not available")
+@no_second_derivative.defjvp
+def _(name: str, primals: Any, tangents: Any) -> Any:
+    raise NotImplementedError(f"second derivatives of {name} are not available")

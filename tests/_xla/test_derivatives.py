@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxpound.simulation.contact.derivatives import in_both_modes
+from jaxpound._xla.derivatives import in_both_modes, kept, recomputed
 
 
 def power(inputs, constants):
@@ -24,7 +24,7 @@ COUNT = jnp.asarray(5.0)
 
 def test_both_modes_are_exact_on_a_counter():
     """d(b⁵)/db = 5 b⁴, under jit and vmap too, where the lanes' loops have different lengths."""
-    power_both = in_both_modes(power)
+    power_both = in_both_modes(power, "a power")
     with pytest.raises(ValueError, match="Reverse-mode differentiation does not work"):
         jax.grad(lambda inputs: power(inputs, COUNT)["power"])(INPUTS)
     for differentiate in (jax.jacfwd, jax.jacrev):
@@ -39,7 +39,30 @@ def test_both_modes_are_exact_on_a_counter():
 
 
 def test_leaves_that_are_not_differentiated_have_the_derivative_zero():
-    frozen = in_both_modes(power, lambda path: path[-1].key != "shift")
+    frozen = in_both_modes(power, "a power", lambda path: path[-1].key != "shift")
     gradient = jax.grad(lambda inputs: frozen(inputs, COUNT)["shifted"])(INPUTS)
     assert gradient["base"] == pytest.approx(5 * 1.3**4, rel=1e-15)
     np.testing.assert_array_equal(gradient["shift"], np.zeros(3))
+
+
+def test_second_derivatives_are_refused_by_name():
+    slope = jax.grad(
+        lambda base: in_both_modes(power, "a power")({**INPUTS, "base": base}, COUNT)["power"]
+    )
+    for second in (jax.grad, jax.jacfwd):
+        with pytest.raises(NotImplementedError, match="second derivatives of a power are not avai"):
+            second(slope)(1.3)
+
+
+def test_reverse_mode_computes_anew_what_is_not_kept():
+    """Of the loop's sine and cosine; the number of cosines tells."""
+
+    def wave(x):
+        return jnp.sin(kept(jnp.cos(x)))
+
+    def cosines(function):
+        return str(jax.make_jaxpr(jax.grad(function))(1.0)).count("= cos ")
+
+    whole, but_kept = recomputed(wave), recomputed(wave, but_kept=True)
+    assert jax.grad(whole)(1.0) == jax.grad(but_kept)(1.0) == jax.grad(wave)(1.0)
+    assert cosines(whole) > cosines(but_kept)

@@ -1,0 +1,122 @@
+"""The loop over the steps of a run, in blocks of a few steps, laid out by its plan.
+
+A step is a function of its state, (number, carry, windows), and of what it is handed. It returns
+the next state and its results, having put one number at the end of each window.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxpound._xla.derivatives import recomputed
+from jaxpound._xla.plan import Plan
+from jaxpound._xla.quotients import differentiated_once, unit_of
+from jaxpound._xla.shortcut import with_shortcut
+
+Step = Callable[..., Any]
+
+
+class Blocks(NamedTuple):
+    """A loop over steps in blocks, and over blocks in segments."""
+
+    plan: Plan
+    checkpoint: bool  # whether reverse mode keeps the first state of each segment only
+    length: int  # steps of a block
+    segment: int  # blocks of a segment
+    segments: int
+    idle: int  # steps before the first, which fill up the blocks
+
+    @staticmethod
+    def of(plan: Plan, checkpoint: bool, length: int, n_steps: int) -> Blocks:
+        """The loop over ``n_steps`` steps."""
+        segment = blocks = -(-n_steps // length)
+        if plan.segments or checkpoint:
+            root = math.isqrt(blocks - 1) + 1
+            segment = min(range(root - root // 4, root + 1), key=lambda size: -blocks % size)
+        segments = -(-blocks // segment)
+        idle = segments * segment * length - n_steps
+        return Blocks(plan, checkpoint, length, segment, segments, idle)
+
+    def steps(self, step: Step, short: Step | None, window: int, zero: jax.Array) -> Step:
+        """A block as a function of (number, carry, windows), numbers and entries for its steps.
+
+        It returns the carry, the windows and the results of ``scan``. Windows have the last numbers
+        of a block, and as many as ``window`` in a step. ``short`` does what ``step`` does where it
+        needs no inner loop; its results are (results, whether it needs one).
+        """
+        if self.plan.block != "loop":  # in which the carry is computed once in any case
+            steps = partial(_written_out, step, self.length, unit_of(zero))
+            return recomputed(steps) if self.plan.block == "recomputed" else steps
+        steps = partial(_in_loop, step, self.length, window, zero)
+        if short is None or not self.plan.shortcut:
+            return steps
+        return with_shortcut(steps, partial(_shorter, short, self.length))
+
+    def scan(self, block: Step, state: Any, inputs: Any) -> tuple[Any, Any]:
+        """``lax.scan`` of blocks: the state at the end, and the series of their steps' results.
+
+        ``inputs`` are arrays with a leading axis of steps.
+        """
+
+        def segment(state: Any, entries: Any) -> tuple[Any, Any]:
+            return lax.scan(block, state, entries, length=self.segment)
+
+        run = recomputed(segment) if self.checkpoint else segment
+        inputs = jax.tree.map(self._in_blocks, inputs)
+        if self.segments > 1:
+            state, out = lax.scan(run, state, inputs, length=self.segments)
+        else:
+            state, out = run(state, jax.tree.map(lambda x: x[0], inputs))
+        if self.plan.block != "loop":
+            out = jax.tree.map(lambda *x: jnp.stack(x, -1), *out)
+        return state, jax.tree.map(lambda x: x.reshape(-1)[self.idle :], out)
+
+    def _in_blocks(self, x: jax.Array) -> jax.Array:
+        """A series with idle zeros before it, by segment, block and step."""
+        padded = jnp.pad(x, [(self.idle, 0), *[(0, 0)] * (x.ndim - 1)])
+        return padded.reshape(self.segments, self.segment, self.length, *x.shape[1:])
+
+
+def _written_out(
+    step: Step, length: int, unit: jax.Array | None, state: Any, ahead: Any, entries: Any
+) -> Any:
+    """The steps of a block one after the other, with their results in a list."""
+    split, out = [lax.split(x, (1,) * length) for x in ahead], []
+    for i in range(length):
+        if unit is not None:
+            state = state[0], differentiated_once(state[1], unit), state[2]
+        entry = jax.tree.map(lambda x, i=i: x[i], entries)
+        state, results = step(state, ([x[i] for x in split], entry))
+        out.append(results)
+    _, carry, windows = state
+    return carry, [c[-length:] for c in windows], out
+
+
+def _shorter(step: Step, length: int, state: Any, ahead: Any, entries: Any) -> Any:
+    """The same of shorter steps, with the results in arrays, and whether any of them needs more."""
+    carry, windows, out = _written_out(step, length, None, state, ahead, entries)
+    results, needs_more = jax.tree.map(lambda *x: jnp.stack(x), *out)
+    return (carry, windows, results), needs_more.any()
+
+
+def _in_loop(
+    step: Step, length: int, window: int, zero: jax.Array, state: Any, ahead: Any, entries: Any
+) -> Any:
+    """The steps of a block as a loop, with windows of constant length, and results in arrays."""
+
+    def slid(state: Any, item: Any) -> tuple[Any, Any]:
+        (m, carry, windows), results = step(state, item)
+        return (m, carry, [c[1:] for c in windows]), results
+
+    start, carry, recent = state
+    windows = [[zero] * (window - length) + c for c in recent]
+    state, out = lax.scan(slid, (start, carry, windows), (ahead, entries), length=length)
+    _, carry, windows = state
+    return carry, [c[-length:] for c in windows], out
