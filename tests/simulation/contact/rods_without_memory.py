@@ -107,12 +107,8 @@ class Run:
 
     def __init__(self, frame, ground, least=0.0, start=None, longest=LONGEST):
         n = self.n = len(frame.masses)
-        self.m, self.faces, self.ground, self.least = (
-            np.array(frame.masses),
-            frame.faces,
-            ground,
-            least,
-        )
+        self.m, self.faces = np.array(frame.masses), frame.faces
+        self.ground, self.least = ground, least
         self.iota = np.ones(n) if frame.influence is None else np.array(frame.influence)
         self.k, self.tau_f, self.tau_x = np.array([rod[:3] for rod in frame.rods]).T
         self.friction = np.array([link.friction for link in frame.links], float)
@@ -151,6 +147,8 @@ class Run:
         for (_, effect, which), times in zip(events, run.t_events, strict=True):
             if times.size:
                 self.log.append((self.t, effect.__name__, which))
+                if self.t == span[0]:  # a slide that ends within its first substep
+                    self.flight = longest
                 effect(which)
                 self.settle()
                 return
@@ -250,10 +248,10 @@ class Run:
                 self.touch(c)
 
     def turn(self, k):
-        before, self.slip[k] = self.slip[k], 0.0
+        self.slip[k] = 0.0
         self.push(k, -self.speed(self.state, k))
-        if abs(self.holding(self.t, self.state, k)) > self.friction[k]:
-            self.set_off(k, -before)
+        if abs(holding := self.holding(self.t, self.state, k)) > self.friction[k]:
+            self.set_off(k, np.sign(holding))
 
     def push(self, k, change):
         """Change the speed of a link by a blow."""
