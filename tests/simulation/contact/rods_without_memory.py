@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 ACCURACY = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-13}
 LONGEST = 5e-3  # substep, at whose ends events are looked for
 REST = 1e-7  # duration of a flight below which rebounds are over
+SLOW = 1e-13  # speed of a slide at its end: one that has just begun may have 0, or -0 by rounding
 SMALL = 1e-9  # forces, and closings, that count as none
 
 
@@ -147,8 +148,6 @@ class Run:
         for (_, effect, which), times in zip(events, run.t_events, strict=True):
             if times.size:
                 self.log.append((self.t, effect.__name__, which))
-                if self.t == span[0]:  # a slide that ends within its first substep
-                    self.flight = longest
                 effect(which)
                 self.settle()
                 return
@@ -215,7 +214,9 @@ class Run:
             if holds:
                 events.append((lambda t, z, k=k: self.margin(t, z, k), self.slide, k))
             elif self.friction[k] > 0:
-                events.append((lambda _, z, k=k: self.slip[k] * self.speed(z, k), self.turn, k))
+                events.append(
+                    (lambda _, z, k=k: self.slip[k] * self.speed(z, k) + SLOW, self.turn, k)
+                )
         for c, face in enumerate(self.faces):
             if not held[face.link] and not self.closed[c]:
                 events.append((lambda _, z, c=c: -self.depth(z, c), self.touch, c))
