@@ -148,7 +148,26 @@ def runs(case, grid, step, numbers=(), by=()):
 
 FOOTING, DRAWN = (0.02, 0.01, 0.005), (0.04, 0.02, 0.01)
 """Steps: the fastest vibration of the footing, of period .26, asks for shorter ones."""
-WITHIN = {}
+WITHIN = {
+    "linear": (2e-5, 6e-5),
+    "friction at the storey": (2e-5, 6e-4),
+    "friction at the storey and an edge": (6e-5, 0.015),
+    "friction at the middle of the footing": (3e-5, 1.5e-3),
+    "pulled and let go": (1e-4, 0.015),
+    "friction beside a neighbour": (3e-5, 7e-4),
+    "a neighbour is hit": (3e-5, 5e-3),
+    "the storey hits a wall": (5e-5, 6e-3),
+    "edges hit walls": (3e-4, 8e-3),
+    "the storey hits a wall by Newton's law": (6e-5, 7e-3),
+    "an edge hits a wall by Newton's law": (2e-4, 0.02),
+    "an edge comes to rest at a wall by Newton's law": (3e-4, 0.01),
+    "random, 3 unknowns, seed 1": (3e-4, 0.01),
+    "random, 3 unknowns, seed 2": (2e-4, 5e-4),
+    "random, 4 unknowns, seed 1": (2e-4, 3e-3),
+    "random, 4 unknowns, seed 3": (2e-4, 2e-3),
+    "random, 5 unknowns, seed 1": (4e-4, 6e-3),
+    "random, 5 unknowns, seed 5": (2e-4, 1e-3),
+}
 """Errors of values and derivatives at the last step, in mean square over time, as shares."""
 
 

@@ -192,9 +192,12 @@ CASES = {
     ),
     "an edge hits a wall by Newton's law": Case(
         walls,
-        RIGID | EDGES | {"gap_down": FAR},
+        RIGID | EDGES | {"gap_up": 0.013, "gap_down": FAR},
         ("height", "width", "mu_edge", "inertia", "gap_up"),
         WAVE,
+    ),
+    "an edge comes to rest at a wall by Newton's law": Case(
+        walls, RIGID | EDGES | {"gap_up": 0.008, "gap_down": FAR}, ("height",), WAVE
     ),
 }
 SEEDS = (3, 1), (3, 2), (4, 1), (4, 3), (5, 1), (5, 5)  # with touches
