@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import jaxpound as jp
 from tests.simulation.contact import rods_without_memory
-from tests.simulation.contact.rods_without_memory import Face
+from tests.simulation.contact.rods_without_memory import Face, Slider, Spring, kelvin_voigt
 from tests.simulation.pairs import in_unit_of_time
 
 STEPS, END, EVERY = (0.02, 0.01, 0.005), 9.0, 0.02
@@ -18,19 +18,6 @@ INSTANTS = EVERY * np.arange(1, round(END / EVERY) + 1)
 TIMES = 0.02, 0.1  # of relaxation
 PERIODS, ARRIVALS = np.array([1.6, 2.4]), np.array([3.4, 5.6])
 LEAST = 0.01  # touch speed, as a share of what the pull adds in a step
-
-
-def acceleration(amplitude, t):
-    """Of the ground, by the formula of the paper (eq. 6)."""
-    a = np.pi / PERIODS
-    v = (a * (t - ARRIVALS)) ** 2
-    return amplitude * np.sum(2 * a**2 * (4 * v**2 - 12 * v + 3) * np.exp(-v))
-
-
-def kelvin_voigt(stiffness, restitution, mass):
-    decrement = -np.log(restitution)
-    damping = 2 * decrement / np.hypot(np.pi, decrement) * np.sqrt(stiffness * mass)
-    return lambda depth, speed, _: stiffness * depth + damping * speed
 
 
 def hertz(stiffness, restitution=None):
@@ -123,13 +110,14 @@ def test_gaps_that_open_or_close_slowly_are_of_second_order(name):
     rods = tuple(jp.Rod(material, k, (i, jp.GROUND)) for i, k in enumerate(stiffnesses))
     joined = tuple(jp.Link(ends, friction, gap, law) for ends, gap, law in links)
     system, ground = jp.System(masses, rods, joined), jp.Ricker(amplitude, PERIODS, ARRIVALS)
-    ends = [link[0] for link in links]
-    setting = masses, stiffnesses, TIMES, ends, friction, faces
-    shaking = functools.partial(acceleration, amplitude)
+    springs = tuple(Spring(k, *TIMES, ((i, 1.0),)) for i, k in enumerate(stiffnesses))
+    sliders = tuple(Slider(friction, rods_without_memory.between(*link[0])) for link in links)
+    frame = rods_without_memory.Frame(masses, springs, sliders, faces)
+    shaking = rods_without_memory.ricker(amplitude, PERIODS, ARRIVALS)
 
     @functools.cache
     def exact(least):
-        return rods_without_memory.Run(*setting, shaking, least).path(INSTANTS)
+        return rods_without_memory.Run(frame, shaking, least).path(INSTANTS)
 
     errors = []
     for step in STEPS:
