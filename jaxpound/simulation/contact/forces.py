@@ -175,7 +175,7 @@ def law_forces(
 
 
 def force_growth(
-    constants: Constants, s: jax.Array, w: jax.Array, a: jax.Array, regime: Regime
+    constants: Constants, regime: Regime, s: jax.Array, w: jax.Array, a: jax.Array
 ) -> jax.Array:
     """dp/dt of each law's force, with accelerations of the joints."""
 

@@ -39,7 +39,7 @@ from jaxpound.simulation.contact.forces import (
     times,
 )
 from jaxpound.simulation.contact.records import PRESSED, FlowResult, MidStep, StepLog
-from jaxpound.simulation.contact.substeps import Integrated, PowerSeries, SmoothState
+from jaxpound.simulation.contact.substeps import Integrated, PowerSeries, SmoothState, Substep
 from jaxpound.simulation.contact.zeros import first_zero
 
 _MOST_ITERATIONS = 4000  # iterations in a step
@@ -197,9 +197,7 @@ def _midstep(constants: Constants, middle: Snapshot) -> tuple[MidStep, tuple[Any
     return now, (contact, y.stored, y.lost, log)
 
 
-def _middle(
-    constants: Constants, x: FlowState, substep: PowerSeries | Integrated, reached: jax.Array
-) -> Snapshot:
+def _middle(constants: Constants, x: FlowState, substep: Substep, reached: jax.Array) -> Snapshot:
     """The middle of the step: in this substep if it has ``reached`` the middle, or before."""
     left = constants.h / 2 - x.y.t
     passes = reached & (left > 0)
@@ -257,7 +255,7 @@ def _forces(constants: Constants, y: SmoothState, regime: Regime) -> Forces:
 
 def _substep(
     constants: Constants, x: FlowState, begin: Forces, inverse: jax.Array
-) -> tuple[PowerSeries | Integrated, jax.Array]:
+) -> tuple[Substep, jax.Array]:
     """A substep, and its error in units of the tolerance."""
     y, length, regime = x.y, x.length, x.regime
     if constants.are_linear:
@@ -296,8 +294,7 @@ def _error(constants: Constants, x: FlowState, begin: Forces, slopes: jax.Array)
     errors = y.rebuilt(y.t, error(slopes))
     # The rate of the stored energy has a kink where a clipped contact ends.
     of_energy = errors.stored / jnp.abs(constants.seen(constants.mass * speeds * sizes))
-    shares = jnp.concatenate([larger(length * errors.w, errors.s) / sizes, of_energy])
-    worst = shares.max()
+    worst = jnp.concatenate([larger(length * errors.w, errors.s) / sizes, of_energy]).max()
     return jnp.where(worst < 1e8, worst, 1e8)
 
 
@@ -328,16 +325,13 @@ def _values(
     The values are those of all events, one after the other, by joint or gap.
     """
     regime, (t, s, w) = x.regime, motion
-    now, along = jax.linearize(lambda z: forces_at(constants, z, regime, inverse), motion)
+    now, changes = jax.linearize(lambda z: forces_at(constants, z, regime, inverse), motion)
     a = now.acceleration
-    change = along((jnp.ones_like(t), w, a))
+    change = changes((jnp.ones_like(t), w, a))
     growth = bend = jnp.zeros_like(now.contact)
     if not constants.rigid.all():
-        growth, bend = jax.jvp(
-            lambda s, w, a: force_growth(constants, s, w, a, regime),
-            (s, w, a),
-            (w, a, change.acceleration),
-        )
+        along = w, a, change.acceleration
+        growth, bend = jax.jvp(partial(force_growth, constants, regime), (s, w, a), along)
 
     def values(local: Local) -> jax.Array:
         kinds = events.JOINT_EVENTS + events.gap_events(constants)
@@ -348,7 +342,7 @@ def _values(
 
 
 def _first_event(
-    constants: Constants, x: FlowState, substep: PowerSeries | Integrated, inverse: jax.Array
+    constants: Constants, x: FlowState, substep: Substep, inverse: jax.Array
 ) -> _First:
     """The first event in a substep."""
     h, length = constants.h, substep.length
@@ -369,14 +363,8 @@ def _first_event(
     # A value below zero at the start, such as a gap at rest has by a correction, is the zero of
     # the end too: a gap that opens from there does not close.
     below = smaller(values[0], 0.0)
-    shares = first_zero(
-        values[0] - below,
-        length * slopes[0],
-        values[1] - below,
-        length * slopes[1],
-        noise,
-        may_return,
-    )
+    (first, last), falls = values - below[None], length * slopes
+    shares = first_zero(first, falls[0], last, falls[1], noise, may_return)
     shares = jnp.where(of_force & (values[0] < -noise), 0.0, shares)
     instants = jnp.where(armed & (shares <= 1), shares * length, jnp.inf)
     ends = x.y.t + length >= (1 - 1e-12) * h
@@ -394,11 +382,7 @@ def _first_event(
 
 
 def _located(
-    constants: Constants,
-    x: FlowState,
-    substep: PowerSeries | Integrated,
-    event: _First,
-    inverse: jax.Array,
+    constants: Constants, x: FlowState, substep: Substep, event: _First, inverse: jax.Array
 ) -> tuple[SmoothState, Local, Local]:
     """The state at an event, or at the end of a substep without one; the joints and gaps there.
 

@@ -117,6 +117,9 @@ class Integrated(NamedTuple):
         return self.y.after(time, change)
 
 
+Substep = PowerSeries | Integrated
+
+
 def _product(a: jax.Array, b: jax.Array) -> jax.Array:
     """Coefficients of the product of two power series, along the first axis, up to their order."""
 
