@@ -82,6 +82,10 @@ class Sliding(NamedTuple):
     def flow(self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int) -> None:
         """It needs none."""
 
+    def needs_flow(self, before: JointState, pull: jax.Array, now: Now, h: float) -> jax.Array:
+        """Whether it needs one: never."""
+        return jnp.zeros((), bool)
+
     def after(
         self,
         before: JointState,
