@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound.model.ends import along, mobility
-from jaxpound.model.joints import Joint
+from jaxpound.model.joint import Joint
 from jaxpound.model.system import System
 from jaxpound.simulation.friction import FrictionLaw, LinkStep
 from jaxpound.simulation.state import (
@@ -81,6 +81,10 @@ class Sliding(NamedTuple):
 
     def flow(self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int) -> None:
         """It needs none."""
+
+    def needs_flow(self, before: JointState, pull: jax.Array, now: Now, h: float) -> jax.Array:
+        """It never does."""
+        return jnp.zeros((), bool)
 
     def after(
         self,
