@@ -12,13 +12,15 @@ import numpy as np
 
 from jaxpound._fields import unchecked
 from jaxpound.model.dampers import Inerter
+from jaxpound.model.ends import along, load_on, weighted
+from jaxpound.model.joints import groups, joints
 from jaxpound.model.system import Link, System
-from jaxpound.model.topology import elongation, link_groups
+from jaxpound.model.topology import elongation
 from jaxpound.results.impacts import Impact
-from jaxpound.results.response import LinkResponse, Response
+from jaxpound.results.response import Response
+from jaxpound.simulation.contact.coupled import Coupled, coupled
 from jaxpound.simulation.contact.events import FlowState
 from jaxpound.simulation.contact.forces import Constants
-from jaxpound.simulation.contact.group import Coupling, coupling
 from jaxpound.simulation.contact.local_flow import advance, start, unfinished, within
 from jaxpound.simulation.contact.records import (
     APART,
@@ -29,8 +31,6 @@ from jaxpound.simulation.contact.records import (
     FlowInput,
     Gaps,
 )
-from jaxpound.simulation.inertance import Inerters
-from jaxpound.simulation.state import StepConstants
 
 _POINTS = 9  # of each substep
 
@@ -89,67 +89,58 @@ def _reach(hit: Impact, times: np.ndarray, force: np.ndarray, instants: np.ndarr
 
 def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
     """Times, penetrations and forces, (3, points), by link and number of the instant before."""
-    topology, masses = response.topology, tuple(mass.mass for mass in response.masses)
-    x, inverse = [mass.x for mass in response.masses], tuple(1 / jnp.asarray(m) for m in masses)
+    x, masses = zip(*((mass.x, jnp.asarray(mass.mass)) for mass in response.masses), strict=True)
     links = tuple(
         unchecked(
             Link,
             ends=link.ends,
-            friction=link.slip_force - getattr(link.velocity_friction, "increase", 0.0),
-            gap=link.gap[0] + elongation(link.ends, x)[0],
+            friction=jnp.asarray(link.slip_force - getattr(link.velocity_friction, "increase", 0)),
+            gap=jnp.asarray(link.gap[0] + elongation(link.ends, x)[0]),
             contact=link.law,
             velocity_friction=link.velocity_friction,
             inerter=None if link.inertance is None else Inerter(link.inertance),
         )
         for link in response.links
     )
-    inerters = Inerters.of(unchecked(System, masses=masses, rods=(), links=links), inverse)
-    constants = StepConstants(topology, inverse, (), (), (), {}, inerters, 0)
-    loads = topology.loads([rod.force for rod in response.rods])
-    pulls = jax.vmap(constants.link_pulls)(loads, response.ground_acceleration)
+    rods = [weighted(rod.ends) for rod in response.rods]
+    system = unchecked(System, masses=masses, rods=(), links=links, tuned=())
+    forces = [rod.force for rod in response.rods]
+    free = [load_on(number, rods, forces) / mass for number, mass in enumerate(masses)]
     steps: dict[tuple[int, int], np.ndarray] = {}
-    for group in link_groups(topology):
-        if any(links[k].contact for k in group.links):
-            coupled, _ = coupling(topology, group, links, inverse, inerters)
-            closing = np.stack([elongation(links[k].ends, x) for k in group.links], -1)
-            responses = [response.links[k] for k in group.links]
-            motion = response.time, closing, np.stack([pulls[k] for k in group.links], -1)
-            numbers = [group.links[j] for j in coupled.with_law]
-            for m, points in _flows(motion, responses, coupled, group.faces):
-                steps |= {(k, m): points[:, :, j].T for j, k in enumerate(numbers)}
+    for group in groups(joints(system)):
+        if any(links[face.link].contact for joint in group for face in joint.faces):
+            (kind,) = coupled([group], system, masses, (1.0,) * len(masses))
+            pulls = jax.vmap(kind.pull)(free, response.ground_acceleration)
+            closings = jnp.stack([along(joint.ends, x) for joint in group], -1)
+            for m, points in _flows(response, kind, closings, pulls):
+                steps |= {(k, m): points[:, :, j].T for j, k in enumerate(kind.links[0])}
     return steps
 
 
 def _flows(
-    motion: tuple[Any, Any, Any],
-    links: Sequence[LinkResponse],
-    group: Coupling,
-    faces: tuple[int, ...],
+    response: Response, kind: Coupled, closings: Any, pulls: Any
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Numbers of the instants before contact, and the paths to the next, (points, 3, g).
 
-    ``motion`` are times, and closings and pulls of the links, (n, f). A substep ends where a force
-    is largest and where it jumps, with two points at the same time.
+    ``closings`` and ``pulls`` are of the n joints of a group, (time, n). A substep ends where a
+    force is largest and where it jumps, with two points at the same time.
     """
-    time, closing, pull = motion
+    time, h = response.time, float(response.time[1] - response.time[0])
 
-    def series(name: str) -> np.ndarray:
-        columns = (getattr(link, name) for link in links)
-        return np.stack([np.zeros(len(time)) if y is None else y for y in columns], -1)
+    def series(name: str, links: Sequence[int]) -> np.ndarray:
+        return np.stack([np.asarray(getattr(response.links[k], name)) for k in links], -1)
 
-    gap, velocity, forces = series("gap"), series("slip_velocity"), series("contact")
-    modes = np.where(gap >= 0, APART, np.where(forces == 0, CLIPPED, PRESSED))
-    met, with_law = series("touching").max(-1), group.with_law
-    sizes = group.by_gap(group.gaps)
-    depth, force = -gap[:, with_law], forces[:, with_law]
-    none: Any = np.zeros(sizes.size)  # not 0 times the sizes, which may be infinite
-    contact = Contact(*(none,) * len(Contact._fields))
-    h = float(time[1] - time[0])
+    gaps, sizes = kind.links[0], np.asarray(kind.coupling.sizes)
+    velocity = series("slip_velocity", [joint.link for joint in kind.of[0].joints])
+    depth, force = -series("gap", gaps), series("contact", gaps)
+    modes = np.where(depth <= 0, APART, np.where(force == 0, CLIPPED, PRESSED))
+    met, none = series("touching", gaps).max(-1), np.zeros(len(gaps))
+    contact = Contact(*(jnp.asarray(none),) * len(Contact._fields))
     for m in np.flatnonzero(np.maximum(met[1:], met[:-1])).tolist():
-        pulls = (pull[m] + pull[m + 1]) / 2, pull[m + 1] - pull[m]
-        contact = contact._replace(mode=jnp.asarray(modes[m, with_law]))
-        inputs = group.flow_input((closing[m], velocity[m], *pulls), contact)
-        step = partial(_advance, group.sides(faces), h, inputs)
+        contact = contact._replace(mode=jnp.asarray(modes[m]))
+        pull, rise = (pulls[m] + pulls[m + 1]) / 2, pulls[m + 1] - pulls[m]
+        inputs = FlowInput(closings[m], velocity[m], pull, rise, *kind.coupling, contact)
+        step = partial(_advance, kind.gaps, h, inputs)
         x, goes_on, _ = step(None)
         substeps = []
         while goes_on:

@@ -63,7 +63,7 @@ class StepConstants(NamedTuple):
         Masses displaced by x at the start relax the rods there.
         """
         masses, influence = system.masses, (1.0,) * len(system.masses)
-        rod_ends = tuple(weighted(rod.ends) for rod in system.rods)
+        rod_ends = tuple(weighted(ends) for ends in system.topology.rods)
         rods = tuple(
             law_of(rod, dt, scheme.order, None if x is None else along(ends, x))
             for rod, ends in zip(system.rods, rod_ends, strict=True)
@@ -74,13 +74,14 @@ class StepConstants(NamedTuple):
                 shared.append(group)
             else:
                 alone.append(Sliding.of(group[0], system, masses, influence))
-        kinds = (*alone, *coupled(shared, system, masses, influence))
+        kinds: Any = (*alone, *coupled(shared, system, masses, influence))
         flows: Literal["never", "sometimes", "always"] = "sometimes" if shared else "never"
         if any(link.velocity_friction for link in system.links):
             flows = "always"
         plan = choice()(Work(len(rods), _length_of(rods), flows, keep))
-        of_joints = kinds, scheme.friction, dt, SLOTS if keep else 0, x is None
-        return StepConstants(masses, influence, rods, rod_ends, *of_joints, plan)
+        slots = SLOTS if keep else 0
+        of_run: Any = scheme.friction, dt, slots, x is None, plan
+        return StepConstants(masses, influence, rods, rod_ends, kinds, *of_run)
 
     def start(
         self, zero: jax.Array, x: Sequence[jax.Array] | None, v: Sequence[jax.Array] | None
@@ -143,7 +144,7 @@ def _length_of(laws: Sequence[RodLaw]) -> Literal["none", "short", "long"]:
 
 def contacts(system: StepConstants, state: RunState, n_links: int) -> tuple[Contact | None, ...]:
     """The contact of each link; None of one without a law of contact."""
-    by_link = {}
+    by_link: dict[int, Contact] = {}
     for kind, joint in zip(system.joints, state.joints, strict=True):
         if isinstance(kind, Coupled):
             by_link |= kind.contacts(joint)

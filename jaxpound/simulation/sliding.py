@@ -83,7 +83,7 @@ class Sliding(NamedTuple):
         """It needs none."""
 
     def needs_flow(self, before: JointState, pull: jax.Array, now: Now, h: float) -> jax.Array:
-        """It never does."""
+        """Whether it needs one: never."""
         return jnp.zeros((), bool)
 
     def after(

@@ -62,7 +62,7 @@ class Moved(NamedTuple):
     """A joint, or joints that share masses, (n,) each, after a step."""
 
     now: jax.Array  # closing at t_m
-    state: JointState
+    state: Any  # a ``JointState``
     motion: LinkMotion
     turns: Turns
 

@@ -12,6 +12,7 @@ follow it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import jax
@@ -41,7 +42,7 @@ def step(
 
     # Joints from t_m − h/2 to t_m + h/2. Rods take the mean sample of a flow, which changes the
     # pull.
-    flows = [None] * len(pulls)
+    flows: list[Any] = [None] * len(pulls)
     if with_flows:
         joints = zip(system.joints, before.joints, pulls, strict=True)
         flows = [kind.flow(y, pull, now, h, system.slots) for kind, y, pull in joints]
@@ -49,10 +50,9 @@ def step(
         rods = with_mean_samples(system, before, sums, now, rods, flows)
         free = system.free_accelerations([rod.kick for rod in rods])
         pulls = [kind.pull(free, now.mean_ground) for kind in system.joints]
-    joints = zip(system.joints, before.joints, flows, pulls, strict=True)
     moved = [
         of_first_step(system, y, kind.after(y, flow, pull, now, system.friction, h), now)
-        for kind, y, flow, pull in joints
+        for kind, y, flow, pull in zip(system.joints, before.joints, flows, pulls, strict=True)
     ]
 
     # Kick and drift of the masses, which follow their joints.
@@ -68,7 +68,7 @@ def step(
     needs_flow = None
     if not with_flows:
         joints = zip(system.joints, before.joints, pulls, strict=True)
-        needs_flow = jnp.stack([kind.needs_flow(*y, now, h) for kind, *y in joints]).any()
+        needs_flow = jnp.stack([kind.needs_flow(y, pull, now, h) for kind, y, pull in joints]).any()
     instant = observed(system, before, after, rods, moved, flows, now, needs_flow)
     return after, remembered, instant
 
@@ -124,13 +124,14 @@ def with_mean_samples(
 
 def of_first_step(system: StepConstants, before: JointState, moved: Moved, now: Now) -> Moved:
     """Joints after a step, of which the first begins at its instant t_m = 0."""
-    motion, is_first = moved.motion, now.is_first
-    starts = {"velocity_now": before.velocity}
-    if not system.starts_at_rest:
-        starts |= dict.fromkeys(("jump", "turn_time", "turn", "change_time"), 0.0)
-    changed = {k: jnp.where(is_first, y, getattr(motion, k)) for k, y in starts.items()}
-    if not system.starts_at_rest:
-        changed["turns"] = motion.turns & ~is_first
+    motion, starts = moved.motion, {"velocity_now": before.velocity}
+    if not system.starts_at_rest:  # what has happened is taken for what happens after it
+        starts |= dict.fromkeys(("jump", "turn_time", "turn", "change_time"), jnp.zeros(()))
+        motion = motion._replace(turns=motion.turns & ~now.is_first)
+        moved = moved._replace(turns=moved.turns._replace(exist=motion.turns))
+    changed: dict[str, Any] = {
+        name: jnp.where(now.is_first, y, getattr(motion, name)) for name, y in starts.items()
+    }
     return moved._replace(motion=motion._replace(**changed))
 
 
@@ -153,7 +154,7 @@ def observed(
     v = tuple(jnp.where(now.is_first, a, b) for a, b in zip(before.v, v, strict=True))
     free, joints = system.free_accelerations(forces), list[Any]()
     for kind, y, flow in zip(system.joints, moved, flows, strict=True):
-        joints.append(kind.seen(y, flow, lambda q, kind=kind: kind.inertia(free, now.ground, q)))
+        joints.append(kind.seen(y, flow, partial(kind.inertia, free, now.ground)))
     links = {k: link for seen in joints for k, link in seen.links.items()}
     return Instant(
         time=now.time,

@@ -145,12 +145,12 @@ class Coupled(NamedTuple):
     ) -> Moved:
         """The joints after a step."""
 
-        def finish(coupling: Coupling, before: JointState, pull: jax.Array, *flow: Flow) -> Moved:
+        def finish(coupling: Coupling, before: JointState, pull: jax.Array, *flow: Any) -> Moved:
             motion = functions.motion_without_flow(coupling, before, pull, now, law, h)
             moved = functions.after_none(coupling, before, pull, motion, now, h)
             if not flow:
                 return moved
-            return functions.after_flow(coupling, self.gaps, before, *flow, moved, pull, h)
+            return functions.after_flow(coupling, self.gaps, before, flow[0], moved, pull, h)
 
         flows = [] if flow is None else [flow]
         return self._map(finish, self.coupling, before, pull, *flows)
@@ -202,7 +202,7 @@ class _SeenGroup(NamedTuple):
     @staticmethod
     def of(gaps: Gaps, links: Sequence[int], moved: Moved, flow: Flow | None) -> _SeenGroup:
         """Those of a group with its gaps, which are of these links."""
-        joints = unstacked(moved._replace(state=()))  # which has also numbers of the gaps
+        joints = unstacked(moved._replace(state=None))  # which has also numbers of the gaps
         steps, used = list[GapStep](), jnp.zeros((), bool)
         if flow is not None:
             used = flow.used
