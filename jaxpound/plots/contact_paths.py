@@ -13,7 +13,7 @@ import numpy as np
 from jaxpound._fields import unchecked
 from jaxpound.model.dampers import Inerter
 from jaxpound.model.ends import along, load_on, weighted
-from jaxpound.model.joints import groups, joints
+from jaxpound.model.joint import groups, joints
 from jaxpound.model.system import Link, System
 from jaxpound.model.topology import elongation
 from jaxpound.results.impacts import Impact

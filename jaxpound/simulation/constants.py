@@ -9,7 +9,7 @@ import jax
 
 from jaxpound._xla.plan import Plan, Work, choice
 from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
-from jaxpound.model.joints import Joint, groups, joints
+from jaxpound.model.joint import Joint, groups, joints
 from jaxpound.model.system import System
 from jaxpound.simulation.contact.coupled import Coupled, coupled, may_need_flow
 from jaxpound.simulation.contact.records import SLOTS, Contact

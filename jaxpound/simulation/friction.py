@@ -56,7 +56,7 @@ class LinkMotion(NamedTuple):
 
 @runtime_checkable
 class FrictionLaw(Protocol):
-    """A law of friction, evaluated as the mean force over one step."""
+    """A law of friction, by which a link moves over one step."""
 
     set_valued: ClassVar[bool]
     """Whether |q| = μ in any slip."""

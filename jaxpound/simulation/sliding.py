@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound.model.ends import along, mobility
-from jaxpound.model.joints import Joint
+from jaxpound.model.joint import Joint
 from jaxpound.model.system import System
 from jaxpound.simulation.friction import FrictionLaw, LinkStep
 from jaxpound.simulation.state import (

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.joints import Joint
+from jaxpound.model.joint import Joint
 from jaxpound.simulation.contact.records import FlowResult
 from jaxpound.simulation.friction import LinkMotion
 from jaxpound.simulation.rods.law import RodStep

@@ -16,7 +16,7 @@ from jaxpound._xla.alike import by_kind, stacked, unstacked
 from jaxpound._xla.derivatives import kept
 from jaxpound.model.contact import with_mass
 from jaxpound.model.ends import along
-from jaxpound.model.joints import Joint
+from jaxpound.model.joint import Joint
 from jaxpound.model.system import System
 from jaxpound.simulation.contact import group as functions
 from jaxpound.simulation.contact.forces import inverse_of, times

@@ -82,7 +82,7 @@ class Spring(RodLaw):
 
 @register_dataclass
 @dataclass(frozen=True)
-class Sum(RodLaw):
+class Parallel(RodLaw):
     """Laws beside each other, of which one may have a history and one may yield.
 
     Its state has those of the parts, and the force of all that are smooth.

@@ -8,7 +8,7 @@ from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import Rod
 from jaxpound.simulation.rods.dashpot import Dashpot
-from jaxpound.simulation.rods.law import RodLaw, Spring, Sum
+from jaxpound.simulation.rods.law import Parallel, RodLaw, Spring
 from jaxpound.simulation.rods.yielding import Hysteretic
 from jaxpound.simulation.rods.zener import Zener
 
@@ -29,4 +29,4 @@ def law_of(rod: Rod, dt: float, order: int, relaxed_at: Any = None) -> RodLaw:
     if law is None:
         return memory
     # In this order both springs cancel without rounding until the rod yields.
-    return Sum((Hysteretic(law, stiffness, is_alone=False), Spring(-stiffness), memory))
+    return Parallel((Hysteretic(law, stiffness, is_alone=False), Spring(-stiffness), memory))
