@@ -8,8 +8,9 @@ peak next to a jump of friction, and PGA and PGV, which are taken at the grid's 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -24,7 +25,6 @@ from jaxpound.simulation.constants import JointGroup, StepConstants
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.peaks import GroundPeaks, Peak, Peaks, Sample
-from jaxpound.simulation.rods.law import RodStep
 from jaxpound.simulation.rods.yielding import time_until
 from jaxpound.simulation.state import Instant, RunState
 
@@ -71,23 +71,52 @@ class _Observed(NamedTuple):
         smooth = self.smooth & ~jnp.stack(kinks).any() if kinks else self.smooth
         return Sample(position, smooth, reached)
 
+    def force(self, number: int) -> Sample:
+        """A rod's force, which has kinks where it yields, by its number."""
+        law, rod = self.system.rods[number], self.now.rods[number]
+        smooth = self.smooth if rod.kinked is None else self.smooth & ~rod.kinked
+        forces = [force for _, force in rod.reached]
+        return Sample(rod.force, smooth & (not law.peaks_at_kinks), forces)
+
     def acceleration(self, mass: int) -> Sample:
-        """A mass's acceleration: it jumps with the forces of its joints."""
+        """A mass's acceleration: it jumps with the forces of its joints, and has kinks of rods."""
+        now, reached, settled = self.now, list[jax.Array](), self.smooth
+        rods = [k for k, ends in enumerate(self.system.rod_ends) if mass in dict(ends)]
+        forces: Sequence[jax.Array] = ()
         group = next((y for y in self.system.groups if mass in y.shares), None)
-        if group is None:
-            return Sample(self.accelerated(mass, None, ()), self.smooth)
-        seen = self.now.joints[group.kind]
-        jumps = seen.jumps[group.number]
-        forces = seen.forces[group.first : group.first + len(group.joints)]
-        links = [joint.link for joint in group.joints]
-        settled = jnp.stack([self.links[k].instants_since_turn >= WINDOW for k in links]).all()
-        reached = [self.accelerated(mass, group, jump.forces, jump.time) for jump in jumps]
-        return Sample(self.accelerated(mass, group, forces), self.smooth & settled, reached)
+        if group is not None:
+            seen, links = now.joints[group.kind], [joint.link for joint in group.joints]
+            forces = seen.forces[group.first : group.first + len(links)]
+            calm = [self.links[k].instants_since_turn >= WINDOW for k in links]
+            settled &= jnp.stack(calm).all()
+            for jump in seen.jumps[group.number]:
+                reached.append(self.accelerated(mass, group, jump.forces, jump.time))
+        elif len(rods) == 1:  # of its rod
+            force = self.force(rods[0])
+            share = dict(self.system.rod_ends[rods[0]])[mass] / self.system.masses[mass]
+            return Sample(share * force.value, force.smooth, [share * y for y in force.others])
+        value, smooth = self.accelerated(mass, group, forces), settled
+        for number in rods:
+            if (rod := now.rods[number]).kinked is not None:
+                smooth &= ~rod.kinked
+                for late, force in rod.reached:
+                    time, kink = late * self.system.dt, {number: force}
+                    at_kink = self.accelerated(mass, group, forces, time, kink)
+                    reached.append(jnp.where(settled & (late > -1), at_kink, value))
+        return Sample(value, smooth, reached)
 
     def accelerated(
-        self, mass: int, group: JointGroup | None, forces: Sequence[Any], late: Any = None
+        self,
+        mass: int,
+        group: JointGroup | None,
+        forces: Sequence[Any],
+        late: Any = None,
+        kink: Mapping[int, jax.Array] = MappingProxyType({}),
     ) -> jax.Array:
-        """A mass's acceleration under forces of its joints, some time after the instant."""
+        """A mass's acceleration under forces of its joints, some time after the instant.
+
+        ``kink`` is the force of a rod then, by its number; all others are linear in time.
+        """
         system, ground, share = self.system, self.now.ground, None
         if late is not None:  # all else as it has changed since the instant before
             share = late / system.dt
@@ -95,12 +124,13 @@ class _Observed(NamedTuple):
 
         def rod_force(number: int) -> jax.Array:
             force = self.now.forces[number]
-            return force if share is None else force + (force - self.last_forces[number]) * share
+            force = force if share is None else force + (force - self.last_forces[number]) * share
+            return kink.get(number, force)
 
         ends, acting = list[WeightedEnds](), list[Any]()
-        for number, of_rod in enumerate(system.rod_ends):
-            if any(mass == end for end, _ in of_rod):
-                ends.append(of_rod)
+        for number, rod_ends in enumerate(system.rod_ends):
+            if mass in dict(rod_ends):
+                ends.append(rod_ends)
                 acting.append(rod_force(number))
         if group is not None:
             kind = system.joints[group.kind]
@@ -114,13 +144,6 @@ class _Observed(NamedTuple):
             ends += [joint.ends for joint in group.joints]
             acting += forces
         return load_on(mass, ends, acting) / system.masses[mass]
-
-
-def _force(rod: RodStep, smooth: Any) -> Sample:
-    """A rod's force, which is not smooth where its law has kinks."""
-    if rod.kinked is not None:
-        smooth = False if rod.kinked is True else smooth & ~rod.kinked
-    return Sample(rod.force, smooth, [force for _, force in rod.reached])
 
 
 def _first_yield(
@@ -214,7 +237,7 @@ class Tally(NamedTuple):
             ground=self.ground.observe(now.ground, dt, now.time <= 0),
             displacements=displacements,
             acceleration=self.acceleration.observe(accelerations),
-            forces=self.forces.observe([_force(rod, smooth) for rod in now.rods]),
+            forces=self.forces.observe([*map(instant.force, range(len(now.rods)))]),
             first_yields=each(
                 partial(_first_yield, time=now.time, dt=dt),
                 system.yield_displacements,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 from jax.tree_util import register_dataclass
@@ -26,12 +26,14 @@ class RodLaw:
 
     ``order`` is that of the derivative of c whose history the rod remembers; None of a rod without
     a history. ``yield_displacement`` is the elongation where it yields first; None of a rod that
-    never does. ``is_long`` says that a step has many operations.
+    never does. ``is_long`` says that a step has many operations, ``peaks_at_kinks`` that the force
+    peaks nowhere but where ``RodStep.reached`` has it.
     """
 
     order: Any = None
     yield_displacement: Any = None
     is_long = False
+    peaks_at_kinks: ClassVar[bool] = False
 
     def start(self, elongation: jax.Array, change: jax.Array) -> Any:
         """The state before the first step of a run that begins with an elongation.

@@ -29,4 +29,4 @@ def law_of(rod: Rod, dt: float, order: int, relaxed_at: Any = None) -> RodLaw:
     if law is None:
         return memory
     # In this order both springs cancel without rounding until the rod yields.
-    return Parallel((Hysteretic(law, stiffness, is_alone=False), Spring(-stiffness), memory))
+    return Parallel((Hysteretic(law, stiffness), Spring(-stiffness), memory))

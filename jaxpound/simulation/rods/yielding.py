@@ -13,9 +13,9 @@ and so an error of order h in derivatives. τ is a root of the same parabola.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -48,14 +48,11 @@ class HystereticState(NamedTuple):
 @register_dataclass
 @dataclass(frozen=True)
 class Hysteretic(RodLaw):
-    """A rod with a law of hysteresis, f_m = K r(e_m).
-
-    Alone its force peaks only where the elongation turns or yielding begins.
-    """
+    """A rod with a law of hysteresis, f_m = K r(e_m)."""
 
     law: Any
     modulus: Any  # K
-    is_alone: bool = field(default=True, metadata={"static": True})
+    peaks_at_kinks: ClassVar[bool] = True
 
     @property
     def yield_displacement(self) -> Any:
@@ -79,7 +76,7 @@ class Hysteretic(RodLaw):
 
     def start(self, elongation: jax.Array, change: jax.Array) -> HystereticState:
         """A new rod that has been stretched to the elongation in one direction."""
-        phase = None if self.is_alone else jnp.zeros_like(elongation, jnp.int8)
+        phase = jnp.zeros_like(elongation, jnp.int8)
         return HystereticState(self.law.start(elongation), self.within(elongation), change, phase)
 
     def step(
@@ -101,13 +98,15 @@ class Hysteretic(RodLaw):
             force_at = law.advance(state, e, sample)
         force = self.modulus * law.reduced_force(sample, force_at)
         reached, phase = self._reached(turn, e)
-        step = RodStep(force, force - self.modulus * kink, None, None, True, reached)
-        if self.is_alone:
-            return step._replace(state=HystereticState(state, e, change, None))
         slides = law.dissipated(state) != law.dissipated(before.of_law)
         phase = jnp.where(slides, phase, 0).astype(jnp.int8)
-        kinked = (phase != before.phase) | (phase == _MIXED)
-        return step._replace(state=HystereticState(state, e, change, phase), kinked=kinked)
+        return RodStep(
+            force=force,
+            kick=force - self.modulus * kink,
+            state=HystereticState(state, e, change, phase),
+            kinked=(phase != before.phase) | (phase == _MIXED),
+            reached=reached,
+        )
 
     def _reached(self, turn: Turn, e: jax.Array) -> tuple[Any, jax.Array]:
         """Steps after t_m and force, at kinks of a step; and its phase if the rod yields in it."""
