@@ -19,13 +19,13 @@ from batches import DESIGN, GRID, demand, designed, draw
 from jax.profiler import ProfileData
 
 PARTS = {
-    "ground": "ricker.py",
-    "rods": "rod.py",
+    "ground": "wavelets.py motion.py",
+    "rods": "law.py zener.py",
     "memories of the rods": "history.py",
     "friction": "coulomb.py friction.py",
-    "masses and links": "stepping.py system.py",
-    "scalars": "tally.py run.py demand.py",
-    "blocks, and what reverse mode keeps": "scan.py",
+    "masses and links": "step.py constants.py sliding.py state.py ends.py",
+    "scalars": "tally.py link_tally.py peaks.py run.py demand.py",
+    "blocks, and what reverse mode keeps": "scan.py blocks.py quotients.py derivatives.py",
 }
 SIZES = (64, 128, 256, 384, 480, 512, 544, 640, 960, 1024)
 

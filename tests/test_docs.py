@@ -93,6 +93,18 @@ def test_no_page_installs_from_an_index():
     assert not [command for command in commands if "jaxpound" in command.partition("&&")[0]]
 
 
+def test_every_file_that_a_page_names_exists():
+    for page in (ROOT / "CONTRIBUTING.md", ROOT / "benchmarks" / "README.md", *PAGES):
+        text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+        for name in re.findall(r"`(\w+/[\w/]+\.py)`", text):
+            folders = ROOT, PACKAGE, PACKAGE / "simulation"
+            assert any((folder / name).is_file() for folder in folders), f"{page.name}: {name}"
+    parts = (ROOT / "benchmarks" / "where_time_goes.py").read_text(encoding="utf-8")
+    (parts,) = re.findall(r"^PARTS = \{$(.*?)^\}$", parts, re.M | re.S)
+    names = re.findall(r"\w+\.py", parts)
+    assert {*names} <= {path.name for path in PACKAGE.rglob("*.py")}
+
+
 def test_every_extra_and_every_command_has_its_section(capsys):
     with pytest.raises(SystemExit):
         cli.main(["--help"])

@@ -6,13 +6,15 @@ import os
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from functools import cache, partial
+from operator import or_
 from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import core
+from jax import core, lax
 from jax.custom_batching import custom_vmap
+from jax.custom_derivatives import SymbolicZero
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
@@ -166,11 +168,12 @@ def spread(tree: T) -> T:
     """``tree`` itself; under ``jax.vmap``, its batch is spread over the devices that JAX has.
 
     It is not spread where it cannot be divided evenly, where it is small, or inside a sharding that
-    the caller has set up. Parameters that all runs share, except long series, are copied for each:
-    their derivatives are then summed over the batch once at the end, and not at every step.
+    the caller has set up. What all runs share is computed once, unless it is differentiated: then
+    parameters, except long series, are copied for each run, so that their derivatives are summed
+    over the batch once at the end, and not at every step.
     """
     leaves, structure = jax.tree.flatten(tree)
-    return jax.tree.unflatten(structure, _spread(*leaves))
+    return jax.tree.unflatten(structure, _spread((False,) * len(leaves))(*leaves))
 
 
 def without_mesh(tree: T) -> T:
@@ -181,15 +184,39 @@ def without_mesh(tree: T) -> T:
     return jax.tree.map(_of_no_mesh.bind, tree)
 
 
-@jax.custom_jvp
-def _spread(*leaves: Any) -> list[Any]:
-    return _placed(*leaves)
+@cache
+def _spread(copied: tuple[bool, ...]) -> Callable[..., list[Any]]:
+    """``spread`` of leaves, of which some are copied for each run of a batch."""
 
+    @custom_vmap
+    def placed(*leaves: Any) -> list[Any]:
+        return list(leaves)
 
-@partial(_spread.defjvp, symbolic_zeros=True)
-def _spread_jvp(primals: Any, tangents: Any) -> Any:
-    # Else zero derivatives would be computed at every step.
-    return _spread(*primals), list(tangents)
+    @placed.def_vmap
+    def batch(size: int, batched: list[bool], *leaves: Any) -> Any:
+        of_leaves = zip(leaves, batched, copied, strict=True)
+        in_batch = [is_in or (copy and jnp.size(x) <= _SMALL) for x, is_in, copy in of_leaves]
+        rows = [
+            jnp.broadcast_to(x, (size, *jnp.shape(x))) if is_in and not was_in else x
+            for x, was_in, is_in in zip(leaves, batched, in_batch, strict=True)
+        ]
+        if (mesh := _mesh_for(size)) is None:
+            return spread_leaves(*rows), in_batch  # an outer vmap may still divide its own axis
+        split = NamedSharding(mesh, _RUNS)
+        pairs = zip(rows, in_batch, strict=True)
+        return [lax.with_sharding_constraint(x, split) if o else x for x, o in pairs], in_batch
+
+    @jax.custom_jvp
+    def spread_leaves(*leaves: Any) -> list[Any]:
+        return placed(*leaves)
+
+    @partial(spread_leaves.defjvp, symbolic_zeros=True)
+    def differentiated(primals: Any, tangents: Any) -> Any:
+        # Else zero derivatives would be computed at every step.
+        moved = [not isinstance(change, SymbolicZero) for change in tangents]
+        return _spread(tuple(map(or_, copied, moved)))(*primals), list(tangents)
+
+    return spread_leaves
 
 
 def _without_mesh(x: core.ShapedArray) -> core.ShapedArray:
@@ -204,25 +231,6 @@ _of_no_mesh.def_abstract_eval(_without_mesh)
 ad.deflinear(_of_no_mesh, lambda change: [change])
 batching.defvectorized(_of_no_mesh)
 mlir.register_lowering(_of_no_mesh, lambda context, x: [x])
-
-
-@custom_vmap
-def _placed(*leaves: Any) -> list[Any]:
-    return list(leaves)
-
-
-@_placed.def_vmap
-def _placed_batch(size: int, batched: list[bool], *leaves: Any) -> Any:
-    in_batch = [b or jnp.size(x) <= _SMALL for x, b in zip(leaves, batched, strict=True)]
-    rows = [
-        jnp.broadcast_to(x, (size, *jnp.shape(x))) if is_in and not is_batched else x
-        for x, is_batched, is_in in zip(leaves, batched, in_batch, strict=True)
-    ]
-    if (mesh := _mesh_for(size)) is None:
-        return _spread(*rows), in_batch  # an outer vmap may still divide its own axis
-    split = NamedSharding(mesh, _RUNS)
-    pairs = zip(rows, in_batch, strict=True)
-    return [jax.lax.with_sharding_constraint(x, split) if o else x for x, o in pairs], in_batch
 
 
 def on_each_device(

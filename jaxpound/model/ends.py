@@ -1,4 +1,4 @@
-"""Masses that rods and links join, with their weights: an elongation is Σ weight × displacement."""
+"""Masses that rods and joints join, with weights: an elongation is Σ weight × displacement."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ WeightedEnds = tuple[tuple[int, Any], ...]
 
 
 def weighted(ends: Ends) -> WeightedEnds:
-    """The ends of a part that is stretched by x_i − x_j."""
+    """The ends of a rod or a joint that is stretched by x_i − x_j."""
     return tuple((mass, sign) for mass, sign in zip(ends, (1, -1), strict=True) if mass != GROUND)
 
 
 def along(ends: WeightedEnds, x: Sequence[Any]) -> Any:
-    """Σ weight × x of the ends, of displacements, velocities or accelerations by mass."""
+    """B x of one rod, or C x of one joint, Σ weight × x; also of velocities and accelerations."""
     terms = [times(weight, x[mass]) for mass, weight in ends]
     return sum(terms[1:], terms[0])
 
 
 def load_on(mass: int, all_ends: Sequence[WeightedEnds], forces: Sequence[Any]) -> Any:
-    """Load on a mass of forces that pull ends together; 0 without any."""
+    """Load −Σ weight × f on a mass of forces that pull ends together; 0 without any."""
     pairs = zip(all_ends, forces, strict=True)
     terms = [-times(w, force) for ends, force in pairs for i, w in ends if i == mass]
     return sum(terms[1:], terms[0]) if terms else 0.0
 
 
 def mobility(ends: WeightedEnds, masses: Sequence[Any]) -> Any:
-    """Relative acceleration of ends under a unit force between them, Σ weight²/mass."""
+    """R = Σ weight²/mass, the relative acceleration of ends under a unit force between them."""
     parts = [weight**2 / masses[mass] for mass, weight in ends]
     return sum(parts[1:], parts[0])
 
 
 def times(weight: Any, y: Any) -> Any:
-    """Their product; a weight of ±1 is a sign, and no operation more."""
+    """Weight × y; an integer weight of ±1 is a sign, and no operation more."""
     if isinstance(weight, int) and abs(weight) == 1:
         return y if weight == 1 else -y
     return weight * y

@@ -1,7 +1,7 @@
-"""Joints: each has one closing, with friction and an inerter, and the gaps of one link or two.
+"""Joints of a system: each has one closing, with friction and an inerter, and gaps on its sides.
 
-A link is a joint; the other face of a link (``topology.faces``) is a further gap of its joint, on
-the other side, which sees the closing with the opposite sign.
+A link is a joint, and has its gap on side 1. A link that is the other face of another
+(``topology.faces``) is a gap on side −1 of its joint, and sees the closing with the opposite sign.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ if TYPE_CHECKING:
 
 
 class Face(NamedTuple):
-    """A link as one side of a joint: its gap closes as the joint's closing grows (1) or falls."""
+    """A link on a side of a joint: its gap closes as the closing grows (1) or as it falls (−1)."""
 
     link: int
     side: int
 
 
 class Joint(NamedTuple):
-    """Masses between which something slides, and the links that it is."""
+    """Masses that slide along each other, and the links that are their joint."""
 
     ends: WeightedEnds
     faces: tuple[Face, ...]
 
     @property
     def link(self) -> int:
-        """The link that has its friction and its inerter."""
+        """The link that has the joint's friction and inerter."""
         return self.faces[0].link
 
 
@@ -55,7 +55,7 @@ def groups(all_joints: Sequence[Joint]) -> list[tuple[Joint, ...]]:
         masses = {mass for mass, _ in joint.ends}
         meets = [g for g in kept if any(masses & {i for i, _ in other.ends} for other in g)]
         joined = (*(other for group in meets for other in group), joint)
-        place = kept.index(meets[0]) if meets else len(kept)
+        number = kept.index(meets[0]) if meets else len(kept)
         kept = [group for group in kept if group not in meets]
-        kept.insert(place, joined)
+        kept.insert(number, joined)
     return kept

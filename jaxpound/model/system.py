@@ -168,9 +168,10 @@ def gravity_of(structures: Any) -> Any:
 class System:
     """Masses on rods, with links between them; dimensionless, at rest at t = 0.
 
-    The equations of motion are M x'' = −B_r f − B_l (q + p) − M 1 u'', with the rods' forces f, the
+    The equations of motion are M x'' = −Bᵀ f − Cᵀ (q + p) − M 1 u'', with the rods' forces f, the
     links' friction q and contact force p, and the ground acceleration u''; displacements x are
-    relative to the ground. Inerters add B_l b B_lᵀ x'' on the left.
+    relative to the ground. Rods are stretched by B x, and gaps of links close by C x. Inerters add
+    Cᵀ b C x'' on the left.
 
     Raises ``ValueError`` if an end names no mass, a mass has no path of rods to the ground, or
     links close a ring.

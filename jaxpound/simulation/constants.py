@@ -29,11 +29,11 @@ def has_flows(system: System) -> bool:
 class JointGroup(NamedTuple):
     """Joints that share masses, and where they are among the constants of a run."""
 
-    kind: int  # which of the ``joints`` of ``StepConstants`` they belong to
-    first: int  # number of the first of them among the joints of that kind
-    number: int  # of the group among those of that kind
+    kind: int  # number of the entry of ``StepConstants.joints`` that has them
+    first: int  # number of the first of them among the joints of that entry
+    number: int  # of the group among those of that entry
     joints: tuple[Joint, ...]
-    shares: dict[int, Any]  # by mass its motion with each closing, the centre of mass at rest
+    shares: dict[int, Any]  # by mass its row of S = M⁻¹ Cᵀ G⁻¹
 
 
 class StepConstants(NamedTuple):
@@ -43,7 +43,7 @@ class StepConstants(NamedTuple):
     influence: tuple[Any, ...]  # ι by mass: the share of the ground's motion that it has
     rods: tuple[RodLaw, ...]
     rod_ends: tuple[WeightedEnds, ...]
-    joints: tuple[Sliding | Coupled, ...]
+    joints: tuple[Sliding | Coupled, ...]  # each one joint, or groups of joints of one shape
     friction: FrictionLaw  # of joints that share no mass with others
     dt: float
     slots: int  # impacts recorded for each gap in one step
@@ -80,8 +80,8 @@ class StepConstants(NamedTuple):
             flows = "always"
         plan = choice()(Work(len(rods), _length_of(rods), flows, keep))
         slots = SLOTS if keep else 0
-        of_run: Any = scheme.friction, dt, slots, x is None, plan
-        return StepConstants(masses, influence, rods, rod_ends, kinds, *of_run)
+        numbers: Any = scheme.friction, dt, slots, x is None, plan
+        return StepConstants(masses, influence, rods, rod_ends, kinds, *numbers)
 
     def start(
         self, zero: jax.Array, x: Sequence[jax.Array] | None, v: Sequence[jax.Array] | None
@@ -95,17 +95,17 @@ class StepConstants(NamedTuple):
         return RunState(x, v, rods, tuple(kind.start(zero, x, v) for kind in self.joints))
 
     def free_accelerations(self, forces: Sequence[jax.Array]) -> list[Any]:
-        """Accelerations of the masses by the forces of rods, but for that of the ground."""
+        """Accelerations −M⁻¹ Bᵀ f of the masses by the forces f of the rods alone."""
         # As quotients XLA computes them once; it computes products again for each use.
         return [
             load_on(number, self.rod_ends, forces) / mass for number, mass in enumerate(self.masses)
         ]
 
-    def follow(self, y: Sequence[Any], of_joints: Sequence[Any]) -> tuple[Any, ...]:
-        """Motions of masses with M⁻¹ Cᵀ G⁻¹ times what is missing: their ends move as joints do."""
+    def follow(self, y: Sequence[Any], closings: Sequence[Any]) -> tuple[Any, ...]:
+        """Motions y of masses that follow those s of joints: y + S (s − C y), S = M⁻¹ Cᵀ G⁻¹."""
         moved = list(y)
-        for kind, value in zip(self.joints, of_joints, strict=True):
-            kind.follow(moved, value - kind.along(moved))
+        for kind, closing in zip(self.joints, closings, strict=True):
+            kind.follow(moved, closing - kind.along(moved))
         return tuple(moved)
 
     @property
@@ -116,13 +116,13 @@ class StepConstants(NamedTuple):
     @property
     def groups(self) -> list[JointGroup]:
         """All groups of joints that share masses."""
-        found = []
-        for number, kind in enumerate(self.joints):
+        all_groups = []
+        for kind, entry in enumerate(self.joints):
             first = 0
-            for n, (of_group, shares) in enumerate(kind.groups):
-                found.append(JointGroup(number, first, n, tuple(of_group), shares))
-                first += len(of_group)
-        return found
+            for number, (members, shares) in enumerate(entry.groups):
+                all_groups.append(JointGroup(kind, first, number, tuple(members), shares))
+                first += len(members)
+        return all_groups
 
     @property
     def has_flows(self) -> bool:
@@ -131,7 +131,7 @@ class StepConstants(NamedTuple):
 
     @property
     def yield_displacements(self) -> tuple[Any, ...]:
-        """Elongations where the rods yield first; None of one that never does."""
+        """Elongations where the rods yield first; None for rods that never yield."""
         return tuple(rod.yield_displacement for rod in self.rods)
 
 
@@ -143,7 +143,7 @@ def _length_of(laws: Sequence[RodLaw]) -> Literal["none", "short", "long"]:
 
 
 def contacts(system: StepConstants, state: RunState, n_links: int) -> tuple[Contact | None, ...]:
-    """The contact of each link; None of one without a law of contact."""
+    """The contact of each link; None for links without a law of contact."""
     by_link: dict[int, Contact] = {}
     for kind, joint in zip(system.joints, state.joints, strict=True):
         if isinstance(kind, Coupled):

@@ -1,4 +1,4 @@
-"""Joints that share no mass with others and have no law of contact: they move in closed form."""
+"""Joints that never need a local flow: they share no mass with others, and cannot touch."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from jaxpound.simulation.state import (
 
 
 class Sliding(NamedTuple):
-    """The constants of such a joint."""
+    """The constants of a joint that moves in closed form, s'' = A − R q."""
 
     joint: Joint
-    mobility: jax.Array  # R, the relative acceleration of its ends under a unit force in it
-    friction: jax.Array
-    shares: dict[int, jax.Array]  # by mass its motion with the closing, the centre of mass at rest
-    influence: Any  # Σ weight × ι, by which the ground's acceleration pulls at it
-    inertance: jax.Array | None
-    reduction: jax.Array | None  # 1/(1 + R b): the effect of the inerter on pull and mobility
+    mobility: jax.Array  # R = C M⁻¹ Cᵀ, or R/(1 + R b) with an inerter
+    friction: jax.Array  # μ
+    shares: dict[int, jax.Array]  # by mass its entry of S = M⁻¹ Cᵀ/R
+    influence: Any  # C ι, by which the ground's acceleration pulls at it
+    inertance: jax.Array | None  # b
+    reduction: jax.Array | None  # 1/(1 + R b), the factor of pull and mobility
 
     @staticmethod
     def of(
         joint: Joint, system: System, masses: Sequence[jax.Array], influence: Sequence[Any]
     ) -> Sliding:
-        """Those of a joint of a system."""
+        """The constants of a joint of a system."""
         link, ends = system.links[joint.link], joint.ends
         response = mobility(ends, masses)
         shares = {mass: weight / masses[mass] / response for mass, weight in ends}
@@ -66,24 +66,24 @@ class Sliding(NamedTuple):
         return JointState(closing, velocity, jax.lax.stop_gradient(zero), zero)
 
     def along(self, y: Sequence[Any]) -> Any:
-        """Its closing, or a velocity or an acceleration of it, from those of the masses."""
+        """C y: its closing, velocity or acceleration from those of the masses."""
         return along(self.joint.ends, y)
 
     def pull(self, free: Sequence[Any], ground: jax.Array) -> Any:
-        """A, its relative acceleration without joints, from loads on the masses over these."""
+        """A = C (a − ι u''), its relative acceleration from the free ones of the masses."""
         pull = less_ground(self.along(free), self.influence, ground)
         return pull if self.reduction is None else self.reduction * pull
 
     def follow(self, y: list[Any], missing: Any) -> None:
-        """Add to motions of masses what makes its ends move by a missing closing more."""
+        """Add S times a missing closing to the motions of masses, so that its ends have it."""
         for mass, share in self.shares.items():
             y[mass] = y[mass] + share * missing
 
     def flow(self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int) -> None:
-        """It needs none."""
+        """The joint needs no flow."""
 
     def needs_flow(self, before: JointState, pull: jax.Array, now: Now, h: float) -> jax.Array:
-        """Whether it needs one: never."""
+        """Whether the joint needs a flow: it never does."""
         return jnp.zeros((), bool)
 
     def after(
@@ -95,7 +95,7 @@ class Sliding(NamedTuple):
         law: FrictionLaw,
         h: float,
     ) -> Moved:
-        """The joint after a step: slip until θ, stick until φ, slip."""
+        """The joint after a step, by the law of friction: slip until θ, stick until φ, slip."""
         rise = jnp.where(now.is_first, 0.0, pull - before.pull)
         # Half a step is a whole one with half the pull and half the mobility.
         pushed, mobility = now.kick * pull, now.kick * self.mobility
@@ -107,7 +107,7 @@ class Sliding(NamedTuple):
         return Moved.by(motion, before.closing, state)
 
     def seen(self, moved: Moved, flow: None, inertia: Inertia) -> SeenJoints:
-        """The joint as it is observed; its force may jump where it turns."""
+        """The joint as it is observed; where it turns its force may jump."""
         motion = moved.motion
         late = jnp.where(motion.turns, motion.turn_time, 0.0)
         jumps = tuple(
@@ -121,7 +121,7 @@ class Sliding(NamedTuple):
     def inertia(
         self, free: Sequence[Any], ground: jax.Array, forces: Sequence[Any]
     ) -> dict[int, jax.Array]:
-        """The force of its inerter beside other forces in it; empty without one."""
+        """The force b s'' of its inerter beside other forces in it; empty without an inerter."""
         if self.inertance is None:
             return {}
         return {0: self.inertance * (self.pull(free, ground) - self.mobility * forces[0])}

@@ -1,4 +1,4 @@
-"""What a step takes and gives: the state of a system between two steps, and an instant of it."""
+"""What a step takes and returns: the state of a system between two steps, and an instant of it."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ class Now(NamedTuple):
     mean_ground: jax.Array  # mean of u'' over the step
     is_first: jax.Array  # whether the run starts at t_m: its first step is the second half alone
     is_last: jax.Array  # whether it ends at t_m
-    kick: jax.Array  # length of the step in units of h
+    kick: jax.Array  # length of the step in units of h: 1/2 of the first step, else 1
 
 
 class JointState(NamedTuple):
     """State of a joint, or of joints that share masses, (n,) each."""
 
-    closing: jax.Array  # at t_m, as predicted
-    velocity: jax.Array  # at t_m − h/2; exactly 0 in stick
+    closing: jax.Array  # s at t_m, which a flow may correct
+    velocity: jax.Array  # w at t_m − h/2; exactly 0 in stick
     phase: jax.Array  # direction of slip then, 0 in stick
-    pull: jax.Array  # A_{m−1}, the relative acceleration without forces of joints
-    half: Any = None  # closing at t_m − h/2, where a flow starts; None of a joint that has none
-    contact: Any = None  # a ``Contact`` by gap
+    pull: jax.Array  # A_{m−1}, the relative acceleration of the ends without forces of joints
+    half: Any = None  # s at t_m − h/2, where a flow starts; None if the joint never needs a flow
+    contact: Any = None  # the ``Contact`` of each gap
 
 
 class RunState(NamedTuple):
@@ -48,13 +48,13 @@ class RunState(NamedTuple):
 class Turns(NamedTuple):
     """Closings of joints where their velocity vanished or reversed in a step."""
 
-    exist: jax.Array  # whether there are some
-    first: jax.Array
+    exist: jax.Array  # whether the velocity did so
+    first: jax.Array  # closing at the first turn
     last: jax.Array
-    between: jax.Array  # path from the first to the last
-    farthest: jax.Array
+    between: jax.Array  # path from the first turn to the last
+    farthest: jax.Array  # largest closing at a turn
     farthest_time: jax.Array  # after t_m
-    nearest: jax.Array
+    nearest: jax.Array  # smallest closing at a turn
     nearest_time: jax.Array
 
 
@@ -68,7 +68,7 @@ class Moved(NamedTuple):
 
     @staticmethod
     def by(motion: LinkMotion, now: jax.Array, state: JointState) -> Moved:
-        """Joints that turn at most once."""
+        """Joints that turn at most once in the step."""
         turn, time = now + motion.turn, motion.turn_time
         turns = Turns(motion.turns, turn, turn, jnp.zeros_like(turn), turn, time, turn, time)
         return Moved(now, state, motion, turns)
@@ -95,7 +95,7 @@ class GapStep(NamedTuple):
 
     @staticmethod
     def of(result: FlowResult) -> GapStep:
-        """That of the gaps of a flow."""
+        """The contact of gaps in their flow."""
         now, log = result.now, result.log
         energies = now.stored, result.stored, now.lost, result.lost
         events = (getattr(log, name) for name in GapStep._fields[5:])
@@ -107,11 +107,11 @@ class LinkInstant(NamedTuple):
 
     closing: jax.Array
     velocity: jax.Array
-    friction: Any  # its force; 0 of a link that is the other face of one
+    friction: Any  # its force; 0 if another link, of which this is the other face, has it
     phase: jax.Array  # direction of slip after the step, and when it began, after t_m
     change_time: jax.Array
     turns: Turns
-    jumps: Any  # whether its forces jump in a flow
+    jumps: Any  # whether its force jumps in a flow
     inertia: Any  # force of its inerter, or None
     gap: GapStep | None  # of a link with a law of contact, in a step with a flow
 
@@ -130,7 +130,7 @@ Inertia = Callable[[Sequence[jax.Array]], dict[int, jax.Array]]
 class SeenJoints(NamedTuple):
     """Joints of a kind as they are observed at t_m."""
 
-    forces: tuple[jax.Array, ...]  # of friction and contact, by joint
+    forces: tuple[jax.Array, ...]  # q + p of friction and contact, by joint
     links: dict[int, LinkInstant]
     jumps: tuple[tuple[Jump, ...], ...]  # by group of joints
 
@@ -138,7 +138,7 @@ class SeenJoints(NamedTuple):
 def link_instants(
     joint: Joint, moved: Moved, jumps: Any, inertia: Any, gaps: dict[int, GapStep]
 ) -> dict[int, LinkInstant]:
-    """The links that a joint is, each as it sees the joint."""
+    """The links that make a joint, each with the closing as its face sees it."""
     now, motion, turns = moved.now, moved.motion, moved.turns
     links = {}
     for link, side in joint.faces:

@@ -2,11 +2,11 @@
 
     M x'' = −Bᵀ f − Cᵀ (q + p) − M ι u''     rods f(e), e = B x;   joints q(s'), p(s, s'), s = C x
 
-Rods have forces f, joints friction q and contact forces p. Kick and drift: velocities live half a
-step before displacements, v_{m+1/2} = v_{m−1/2} + h a_m and x_{m+1} = x_m + h v_{m+1/2}. This is
-the central difference of the paper's eqs. (10) and (12) without its cancellation. Every mass moves
-freely; a joint has a closing and a velocity of its own, so that stick is exact, and its masses
-follow it.
+Rods have forces f, joints friction q and contact forces p. Velocities live half a step before
+displacements: v_{m+1/2} = v_{m−1/2} + h a_m is the kick, x_{m+1} = x_m + h v_{m+1/2} the drift.
+This is the central difference of the paper's eqs. (10) and (12) without its cancellation. Every
+mass moves freely; a joint has a closing s and a velocity w of its own, so that stick is exact, and
+masses follow their joints.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ def step(
     """One step: the state at t_{m+1}, each rod's c_m for its history, and the instant t_m.
 
     ``sums`` are the history sums S_m of the rods that have a memory. A step without flows is right
-    where no joint needs one.
+    where no joint needs a flow.
     """
     h = system.dt
 
-    # The rods at t_m. What pulls at joints is their relative acceleration without them.
+    # The rods at t_m, and the pull on the joints, A = C (a − ι u'') with a = −M⁻¹ Bᵀ f.
     rods = rods_at(system, before, sums, now)
     free = system.free_accelerations([rod.kick for rod in rods])
     pulls = [kind.pull(free, now.mean_ground) for kind in system.joints]
 
-    # Joints from t_m − h/2 to t_m + h/2. Rods take the mean sample of a flow, which changes the
-    # pull.
+    # The joints from t_m − h/2 to t_m + h/2, s'' = A − G (q + p) with G = C M⁻¹ Cᵀ. The rods take
+    # the mean sample of a path that flows have kinked, which changes the pull.
     flows: list[Any] = [None] * len(pulls)
     if with_flows:
         joints = zip(system.joints, before.joints, pulls, strict=True)
@@ -51,19 +51,19 @@ def step(
         free = system.free_accelerations([rod.kick for rod in rods])
         pulls = [kind.pull(free, now.mean_ground) for kind in system.joints]
     moved = [
-        of_first_step(system, y, kind.after(y, flow, pull, now, system.friction, h), now)
+        with_start(system, y, kind.after(y, flow, pull, now, system.friction, h), now)
         for kind, y, flow, pull in zip(system.joints, before.joints, flows, pulls, strict=True)
     ]
 
-    # Kick and drift of the masses, which follow their joints.
+    # Kick and drift of the masses, which follow their joints: v + S (w − C v), S = M⁻¹ Cᵀ G⁻¹.
     a = [a - iota * now.mean_ground for a, iota in zip(free, system.influence, strict=True)]
     kicked = [v + now.kick * h * a for v, a in zip(before.v, a, strict=True)]
     v = system.follow(kicked, [y.state.velocity for y in moved])
     drifted = [x + h * v for x, v in zip(before.x, v, strict=True)]
     x = system.follow(drifted, [y.state.closing for y in moved])
 
-    of_rods, of_joints = tuple(rod.state for rod in rods), tuple(y.state for y in moved)
-    after = RunState(x, v, of_rods, of_joints)
+    rod_states, joint_states = tuple(rod.state for rod in rods), tuple(y.state for y in moved)
+    after = RunState(x, v, rod_states, joint_states)
     remembered = [rod.remembered for rod in rods if rod.remembered is not None]
     needs_flow = None
     if not with_flows:
@@ -80,7 +80,7 @@ def rods_at(
     now: Now,
     shifts: dict[int, tuple[Any, Any]] | None = None,
 ) -> list[RodStep]:
-    """The rods at t_m; or those whose elongations are shifted, at t_m and in their mean."""
+    """The rods at t_m; or those alone whose elongations at t_m and in the mean are shifted."""
     remaining, arguments = iter(sums), list[tuple[Any, ...]]()
     for number, (law, state) in enumerate(zip(system.rods, before.rods, strict=True)):
         total = None if law.order is None else next(remaining)
@@ -106,24 +106,25 @@ def with_mean_samples(
     rods: list[RodStep],
     flows: Sequence[Any],
 ) -> list[RodStep]:
-    """The rods at t_m with the mean sample of a path that flows have kinked."""
+    """The rods at t_m, of which those at joints with a flow take the mean sample of the path."""
 
     def stretched(name: str) -> list[Any]:
-        rest = [0.0 if flow is None else getattr(flow, name) for flow in flows]
+        changes = [0.0 if flow is None else getattr(flow, name) for flow in flows]
         shifts = [0.0] * len(system.masses)
-        for kind, shift in zip(system.joints, rest, strict=True):
-            if not isinstance(shift, float):
-                kind.follow(shifts, shift)
+        for kind, change in zip(system.joints, changes, strict=True):
+            if not isinstance(change, float):
+                kind.follow(shifts, change)
         return [along(ends, shifts) for ends in system.rod_ends]
 
-    both = enumerate(zip(stretched("now"), stretched("mean"), strict=True))
-    shifts = {number: shift for number, shift in both if not isinstance(shift[1], float)}
+    # A float is the 0 of a rod whose masses belong to no joint that has a flow.
+    by_rod = enumerate(zip(stretched("now"), stretched("mean"), strict=True))
+    shifts = {number: shift for number, shift in by_rod if not isinstance(shift[1], float)}
     moved = iter(rods_at(system, before, sums, now, shifts))
     return [next(moved) if number in shifts else rod for number, rod in enumerate(rods)]
 
 
-def of_first_step(system: StepConstants, before: JointState, moved: Moved, now: Now) -> Moved:
-    """Joints after a step, of which the first begins at its instant t_m = 0."""
+def with_start(system: StepConstants, before: JointState, moved: Moved, now: Now) -> Moved:
+    """Joints after a step; the first step is its second half alone, which begins at t_m = 0."""
     motion, starts = moved.motion, {"velocity_now": before.velocity}
     if not system.starts_at_rest:  # what has happened is taken for what happens after it
         starts |= dict.fromkeys(("jump", "turn_time", "turn", "change_time"), jnp.zeros(()))
@@ -145,7 +146,7 @@ def observed(
     now: Now,
     needs_flow: jax.Array | None,
 ) -> Instant:
-    """The instant t_m: velocities then are the mean of those half a step before and after it."""
+    """The instant t_m: its velocities are the mean of those half a step before and after it."""
     x, forces = before.x, tuple(rod.force for rod in rods)
     if any(flow is not None for flow in flows):
         x = system.follow(x, [y.now for y in moved])
@@ -169,11 +170,11 @@ def observed(
 
 
 def accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
-    """Absolute acceleration x'' + u'' of each mass at an instant."""
+    """Absolute acceleration x'' + ι u'' of each mass at an instant."""
     ends, forces = list(system.rod_ends), [*now.forces]
     for group in system.groups:
-        of_kind = now.joints[group.kind].forces[group.first :]
-        for joint, force in zip(group.joints, of_kind, strict=False):
+        joint_forces = now.joints[group.kind].forces[group.first :]
+        for joint, force in zip(group.joints, joint_forces, strict=False):
             inertia = now.links[joint.link].inertia
             ends.append(joint.ends)
             forces.append(force if inertia is None else force + inertia)

@@ -1,7 +1,7 @@
-"""Groups of joints that may need the local flow, those of the same shape in one program.
+"""Groups of joints that may need the local flow, those of the same shape together.
 
-Such are joints between the floors of two buildings, with contact laws of one class. A step of a
-group takes seconds to compile, here once instead of for every group; at run time it is as fast.
+Groups between the floors of two buildings, with contact laws of one class, have one shape. A step
+of a group takes seconds to compile, here once instead of for every group; it runs as fast.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from jaxpound.simulation.state import (
 
 
 class Inerters(NamedTuple):
-    """Inerters of n joints: s'' = (1 + G b)⁻¹ (a − G q), the law without them with other numbers.
+    """Inerters of n joints, which add b s'' to the forces q of their joints.
 
-    Joints have s'' = a − G (q + b s''), with the relative accelerations a of their ends without
-    them, their forces q and G = C M⁻¹ Cᵀ.
+    From s'' = A − G (q + b s'') follows s'' = (1 + G b)⁻¹ (A − G q), the law of joints without
+    inerters with another pull and another G.
     """
 
     inertances: jax.Array  # b (n,), 0 without
@@ -48,16 +48,16 @@ class Inerters(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Joints that share masses."""
+    """Joints that share masses, directly or through other joints."""
 
     joints: tuple[Joint, ...]
-    shares: dict[int, jax.Array]  # by mass its row, (n,), of M⁻¹ Cᵀ G⁻¹
-    influence: tuple[Any, ...]  # by joint Σ weight × ι
+    shares: dict[int, jax.Array]  # by mass its row, (n,), of S = M⁻¹ Cᵀ G⁻¹
+    influence: tuple[Any, ...]  # C ι, by joint
     has_inerter: tuple[bool, ...]  # by joint
 
 
 class Coupled(NamedTuple):
-    """Groups of one shape, of n joints and g gaps; several have arrays with a leading axis."""
+    """Groups of one shape, each of n joints and g gaps; several have arrays with a leading axis."""
 
     of: tuple[Group, ...]
     gaps: Gaps  # the same of all
@@ -76,11 +76,11 @@ class Coupled(NamedTuple):
         return self.inerters is not None
 
     def _map(self, function: Callable[..., Any], *values: Any) -> Any:
-        """A function of the numbers of a group, of each group."""
+        """A function of the numbers of one group, applied to each group."""
         return jax.vmap(function)(*values) if len(self.of) > 1 else function(*values)
 
     def _array(self, by_joint: Sequence[Any]) -> jax.Array:
-        """Numbers of all joints as one array."""
+        """Numbers of all joints as an array, (n,), or (groups, n) of several groups."""
         flat, several = jnp.stack(by_joint), len(self.of)
         return flat.reshape(several, -1) if several > 1 else flat
 
@@ -95,12 +95,12 @@ class Coupled(NamedTuple):
         return JointState(closing, velocity, jax.lax.stop_gradient(rest), rest, closing, apart)
 
     def along(self, y: Sequence[Any]) -> jax.Array:
-        """Their closings, or velocities or accelerations of these, from those of the masses."""
+        """C y: closings, velocities or accelerations of the joints from those of the masses."""
         joints = (joint for group in self.of for joint in group.joints)
         return self._array([along(joint.ends, y) for joint in joints])
 
     def pull(self, free: Sequence[Any], ground: jax.Array) -> jax.Array:
-        """A, their relative accelerations without joints, from loads on the masses over these."""
+        """A = C (a − ι u''), relative accelerations of joints from the free ones of the masses."""
         influence = [iota for group in self.of for iota in group.influence]
         pull = self.along(free)
         if any(not isinstance(iota, int | float) or iota for iota in influence):
@@ -109,7 +109,7 @@ class Coupled(NamedTuple):
         return pull if self.inerters is None else self._map(times, self.inerters.reduction, pull)
 
     def follow(self, y: list[Any], missing: Any) -> None:
-        """Add to motions of masses what makes their ends move by missing closings more."""
+        """Add S times missing closings to the motions of masses, so that their joints have them."""
         for group, closings in zip(self.of, self._by_group(missing), strict=True):
             for mass, share in group.shares.items():
                 y[mass] = y[mass] + (share * closings).sum()
@@ -158,8 +158,8 @@ class Coupled(NamedTuple):
     def seen(self, moved: Moved, flow: Flow | None, inertia: Inertia) -> SeenJoints:
         """The joints as they are observed."""
         flows = [None] * len(self.of) if flow is None else self._by_group(flow)
-        of_groups = zip(self.links, self._by_group(moved), flows, strict=True)
-        groups = [_SeenGroup.of(self.gaps, *of_group) for of_group in of_groups]
+        columns = zip(self.links, self._by_group(moved), flows, strict=True)
+        groups = [_SeenGroup.of(self.gaps, *column) for column in columns]
         forces = tuple(force for group in groups for force in group.forces)
         inert, number, links = inertia(forces), 0, dict[int, LinkInstant]()
         for group, seen in zip(self.of, groups, strict=True):
@@ -171,7 +171,7 @@ class Coupled(NamedTuple):
         return SeenJoints(forces, links, tuple(seen.jumps for seen in groups))
 
     def contacts(self, state: JointState) -> dict[int, Contact]:
-        """The contact of each link that has a law of it."""
+        """The contact of each link that has a law of contact."""
         by_gap: dict[int, Contact] = {}
         if self.gaps:
             for links, contact in zip(self.links, self._by_group(state.contact), strict=True):
@@ -181,7 +181,7 @@ class Coupled(NamedTuple):
     def inertia(
         self, free: Sequence[Any], ground: jax.Array, forces: Sequence[Any]
     ) -> dict[int, jax.Array]:
-        """The forces of inerters, by joint, beside other forces in the joints."""
+        """The forces b s'' of inerters, by joint, beside other forces in the joints."""
         if self.inerters is None:
             return {}
         others = self._map(times, self.coupling.delassus, self._array(forces))
@@ -191,7 +191,7 @@ class Coupled(NamedTuple):
 
 
 class _SeenGroup(NamedTuple):
-    """Joints that share masses as they are observed; of each joint in order."""
+    """A group as it is observed; lists have an entry for each joint, in order."""
 
     moved: list[Moved]
     forces: list[jax.Array]  # of friction and contact
@@ -201,7 +201,7 @@ class _SeenGroup(NamedTuple):
 
     @staticmethod
     def of(gaps: Gaps, links: Sequence[int], moved: Moved, flow: Flow | None) -> _SeenGroup:
-        """Those of a group with its gaps, which are of these links."""
+        """The joints of a group after a step, with its gaps, which belong to these links."""
         joints = unstacked(moved._replace(state=None))  # which has also numbers of the gaps
         steps, used = list[GapStep](), jnp.zeros((), bool)
         if flow is not None:
@@ -239,7 +239,7 @@ def coupled(
     masses: Sequence[jax.Array],
     influence: Sequence[Any],
 ) -> list[Coupled]:
-    """Groups of joints of a system, those together whose constants have the same shapes."""
+    """The constants of groups of joints, those together whose numbers have the same shapes."""
     alone = [_coupled(joints, system, masses, influence) for joints in groups]
     # As keys, since values of numbers are not compared.
     kinds = by_kind([{kind.gaps: (kind.coupling, kind.inerters)} for kind in alone])
@@ -261,7 +261,7 @@ def _coupled(
     masses: Sequence[jax.Array],
     influence: Sequence[Any],
 ) -> Coupled:
-    """One group of joints of a system."""
+    """The constants of one group of joints of a system."""
     links, dtype = [system.links[joint.link] for joint in joints], masses[0].dtype
     numbers = sorted({mass for joint in joints for mass, _ in joint.ends})
     weights = {

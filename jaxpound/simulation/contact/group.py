@@ -1,18 +1,18 @@
-r"""Joints that may touch or that share masses, over one step of a run.
+r"""A group of joints, which may touch or share masses, over one step of a run.
 
-A group of such joints runs the local flow (``flows``) where it needs it: in contact, where a
-gap may close within the step, and, for joints that share masses, where slip or stick ends. All
+A group moves by s'' = A − G (q + p). It runs the local flow (``flows``) in the steps that need it:
+in contact, where a gap may close, and, for joints that share masses, where slip or stick ends. All
 other steps have closed forms.
 
-An impact is a kink of the path. If the rods took the position at an instant of the grid, where in
-the step the kink falls would leave a ragged error of order h² in the path that they see, and of
+An impact is a kink of the path. If the rods took the displacement at an instant of the grid, where
+in the step the kink falls would leave a ragged error of order h² in the path that they see, and of
 order h in gradients. So after a step with a flow the rods take the mean sample instead,
 
     mean of s over the step − (h/24) (change of s' over the step),
 
 which is s in its middle to order h⁴ where motion is smooth, and by which their memory integrates a
-kinked path as well as a smooth one. The change of the rods' pull by it is then added to the end of
-the step.
+kinked path as well as a smooth one. The effect of the pull's change by it is then added to the end
+of the step.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from jaxpound.simulation.state import JointState, Moved, Now, Turns
 
 
 class Coupling(NamedTuple):
-    """Constants of n joints that share masses, with g gaps that have a law of contact."""
+    """Constants of a group of n joints, with g gaps that have a law of contact."""
 
-    delassus: jax.Array  # G (n, n): relative accelerations of ends under unit forces in the joints
-    frictions: jax.Array  # (n,)
+    delassus: jax.Array  # G = C M⁻¹ Cᵀ, (n, n), or (1 + G b)⁻¹ G with inerters
+    frictions: jax.Array  # μ, (n,)
     resistances: tuple[Any, ...]  # what friction gains with the velocity, by joint, or None
-    sizes: jax.Array  # (g,)
+    sizes: jax.Array  # ξ0, (g,)
     laws: tuple[Any, ...]  # of contact for the effective masses, by gap
 
     @property
@@ -48,29 +48,29 @@ class Coupling(NamedTuple):
     def response(
         self, held: jax.Array, pull: jax.Array, prescribed: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """Accelerations and forces where some joints are held; ``prescribed`` act in the others."""
+        """Accelerations A − G q and forces q, held joints at rest; others have ``prescribed`` q."""
         inverse = forces.held_inverse(self.delassus, held)
         return forces.response(self.delassus, inverse, held, pull, prescribed)
 
     def gained(self, held: jax.Array, pull: jax.Array) -> jax.Array:
-        """Accelerations of joints under a pull, where some are held."""
+        """Accelerations of joints under a pull alone, where some are held."""
         return self.response(held, pull, 0 * pull)[0]
 
 
 class Flow(NamedTuple):
     """Joints after their local flow, (n,) each."""
 
-    pull: jax.Array  # that they saw
+    pull: jax.Array  # A during the flow
     result: FlowResult
-    used: jax.Array  # whether the flow was needed
-    mean: jax.Array  # how far the sample that the rods take is from the closing at t_m
-    now: jax.Array  # and how far the true closing at t_m is from it
+    used: jax.Array  # whether the joints move by the flow, not in closed form
+    mean: jax.Array  # mean sample that the rods take, less the predicted closing at t_m
+    now: jax.Array  # true closing at t_m less the predicted one
 
 
 def motion_without_flow(
     group: Coupling, before: JointState, pull: jax.Array, now: Now, law: FrictionLaw, h: float
 ) -> LinkMotion:
-    """Motion of joints, (n,), over a step without flow; ``law`` is that of a joint alone."""
+    """Motion of joints, (n,), over a step without flow; a joint alone has the friction ``law``."""
     rise = rise_of(before, pull, now)
     # Half a step is a whole one with half the pull and half the mobility.
     pull, group = now.kick * pull, group._replace(delassus=now.kick * group.delassus)
@@ -91,7 +91,7 @@ def motion_without_flow(
 
 
 def rise_of(before: JointState, pull: jax.Array, now: Now) -> jax.Array:
-    """The growth of a pull since the step before; none as a run starts, maybe under a load."""
+    """D = A_m − A_{m−1}, the growth of the pull; 0 as a run starts, maybe under a load."""
     return jnp.where(now.is_first, 0.0, pull - before.pull)
 
 
@@ -172,7 +172,7 @@ def run_flow(
     h: float,
     slots: int,
 ) -> tuple[FlowResult, jax.Array]:
-    """The local flow of a group where it is needed, and whether its result is used."""
+    """The local flow of a group where it is needed, and whether the group moves by it."""
     needed = is_flow_needed(group, gaps, before, pull, now, h)
     inputs = FlowInput(
         before.half, before.velocity, pull, rise_of(before, pull, now), *group, before.contact
@@ -190,7 +190,7 @@ def run_flow(
 def samples(
     result: FlowResult, used: jax.Array, before: JointState, now: Now, h: float
 ) -> tuple[jax.Array, jax.Array]:
-    """How far the mean sample, and the closing at t_m, are from the closing as predicted."""
+    """The mean sample, and the closing at t_m, each less the closing as predicted."""
     mean = result.mean - h / 24 * (result.velocity - before.velocity)
     # The first sample of a run is exact.
     shift = jnp.where(used & ~now.is_first, mean - before.closing, 0.0)
@@ -206,9 +206,9 @@ def after_flow(
     pull: jax.Array,
     h: float,
 ) -> Moved:
-    """Joints after a step with a flow, where it is used, or ``without`` it.
+    """Joints after a step with a flow, where they move by it, or ``without`` it.
 
-    The pull after the mean samples differs from that of the flow.
+    The pull after the mean samples exceeds that of the flow by a change, whose effect is added.
     """
     result, at, log, change = flow.result, flow.result.now, flow.result.log, pull - flow.pull
     gain, gain_now = (group.gained(held > 0, change) for held in (result.held, at.held))

@@ -2,10 +2,10 @@ r"""The local flow: joints that share masses over one step, from event to event.
 
 Within a step the joints see only the pull A(t) of the rods and the ground, linear in time:
 
-    s'' = A(t) − G (q + Cᵀ p),    q ∈ μ Sgn(s'),    p = p(C s − ξ0, C s'),    G = B_lᵀ M⁻¹ B_l,
+    s'' = A(t) − G (q + Σᵀ p),    q ∈ μ Sgn(s'),    p = p(Σ s − ξ0, Σ s'),    G = C M⁻¹ Cᵀ,
 
-with closings s and friction q of the joints, and contact forces p of their gaps, of which C has a
-row each: ±1 for the joint of the gap. The flow solves this small problem event by event
+with closings s and friction q of the joints, and contact forces p of their gaps, of which Σ has a
+row each: the side ±1 at the joint of the gap. The flow solves this small problem event by event
 (``events``). Between events the motion is smooth. Where all forces are linear in the closings and
 their velocities it is a power series in time, a cubic where no contact is deformed. Else an
 embedded Runge–Kutta method of order 8 integrates it. The stiffness of a contact sets the substeps,
