@@ -39,7 +39,8 @@ class LinkMotion(NamedTuple):
     changed within the step. ``turns`` says whether w vanished in the step, ``turn_time`` when
     (after t_m) and ``turn`` the difference of x_i − x_j there from its value at t_m. ``phase`` is
     the direction of slip after the step, 0 in stick; ``change_time`` is when that phase began
-    (after t_m).
+    (after t_m). ``stop`` is the part of the change of w that no force makes: the last end alone
+    makes it.
     """
 
     velocity: jax.Array  # w at t_m + h/2
@@ -52,6 +53,7 @@ class LinkMotion(NamedTuple):
     turn_forces: tuple[jax.Array, jax.Array]  # q before and after it
     phase: jax.Array
     change_time: jax.Array
+    stop: Any = None
 
 
 @runtime_checkable
@@ -101,7 +103,8 @@ class Switching:
     """The paper's law (eqs. 10–12): stick or slip for the whole step, chosen by ``jnp.where``.
 
     Stick ends when the force needed for it, A/R, exceeds μ; slip ends, in stick or in slip the
-    other way, one step after w has changed sign. First-order accurate, and its derivatives miss how
+    other way, one step after w has changed sign. The paper then gives x_j the velocity of x_i,
+    without a force that makes it (``stop``). First-order accurate, and its derivatives miss how
     the switching instants move with the parameters.
     """
 
@@ -129,6 +132,7 @@ class Switching:
             turn_forces=(force, force),
             phase=new_phase,
             change_time=jnp.where(phase == 0, 0.0, -h) * jnp.ones_like(w),
+            stop=jnp.where(sticks, -w, 0.0),
         )
 
 

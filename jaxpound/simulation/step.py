@@ -58,6 +58,8 @@ def step(
     # Kick and drift of the masses, which follow their joints: v + S (w − C v), S = M⁻¹ Cᵀ G⁻¹.
     a = [a - iota * now.mean_ground for a, iota in zip(free, system.influence, strict=True)]
     kicked = [v + now.kick * h * a for v, a in zip(before.v, a, strict=True)]
+    for kind, y in zip(system.joints, moved, strict=True):
+        kind.stop(kicked, y.motion.stop)
     v = system.follow(kicked, [y.state.velocity for y in moved])
     drifted = [x + h * v for x, v in zip(before.x, v, strict=True)]
     x = system.follow(drifted, [y.state.closing for y in moved])

@@ -1,5 +1,8 @@
 """Runs that do not start at rest, against closed forms and runs from rest that are the same."""
 
+import base64
+import pickle
+import zlib
 from dataclasses import replace
 from functools import partial
 
@@ -9,6 +12,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from tests.reference import load
 from tests.refusals import refusals
 from tests.simulation.pairs import OneOf, displacements_in_units, in_unit_of_time
 
@@ -219,3 +223,18 @@ def test_a_run_that_its_step_does_not_resolve_is_warned_of():
     with pytest.raises(ValueError, match=r"^simulate: the energy balance leaves"):
         run(stiff, 0.03, v=(1.0,), until=0.9, strict=True)
     assert float(run(stiff, 0.03, v=(0.0,), until=0.9).energy.relative_residual) == 0
+
+
+@pytest.mark.parametrize(("case", "impacts"), [(0, 0), (1, 7)], ids=["pair", "between walls"])
+def test_a_pickled_response_of_an_earlier_version_is_still_what_a_run_gives(case, impacts):
+    pickled = zlib.decompress(base64.b85decode(load("earlier")["pickle"]))
+    system, ground, grid, start, earlier = pickle.loads(pickled)[case]
+    response = jp.simulate(system, ground, grid, initial=start)
+    assert jax.tree.structure(response) == jax.tree.structure(earlier)
+    leaves = jax.tree_util.tree_leaves_with_path(earlier)
+    for (path, wanted), value in zip(leaves, jax.tree.leaves(response), strict=True):
+        name = jax.tree_util.keystr(path)
+        np.testing.assert_allclose(value, wanted, rtol=1e-10, atol=1e-10, err_msg=name)
+    assert len(earlier.impacts()) == impacts
+    kinds = ([phase.kind for phase in x.phases(0)] for x in (earlier, response))
+    assert len({*map(tuple, kinds)}) == 1

@@ -9,8 +9,8 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._xla import plan
+from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.run import _demand
-from jaxpound.simulation.state import step_constants
 
 RODS = jp.ZenerRod(0.5, 0.05, 0.2), jp.ZenerRod(0.5, 0.05, 0.3)
 LAW = jp.KelvinVoigt(400.0, 0.65)
@@ -154,7 +154,7 @@ def test_a_batch_of_runs_of_which_few_or_all_pound_is_a_loop(structures, initial
 def test_links_that_need_every_flow_and_long_rows_have_no_shortcut():
     def has_shortcut(system):
         numbers = jax.tree.map(jnp.asarray, system)
-        return step_constants(numbers, 0.04, 2, keep=False).plan.shortcut
+        return StepConstants.of(numbers, jp.Scheme(), 0.04).plan.shortcut
 
     system = chain(0.1)
     fast = jp.VelocityFriction(0.1, 1.0)
