@@ -18,7 +18,7 @@ from jaxpound.model.system import Link, System
 from jaxpound.model.topology import elongation
 from jaxpound.results.impacts import Impact
 from jaxpound.results.response import Response
-from jaxpound.simulation.contact.coupled import Coupled, coupled
+from jaxpound.simulation.contact.coupled import Coupled, all_coupled
 from jaxpound.simulation.contact.events import FlowState
 from jaxpound.simulation.contact.forces import Constants
 from jaxpound.simulation.contact.local_flow import advance, start, unfinished, within
@@ -109,7 +109,7 @@ def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
     steps: dict[tuple[int, int], np.ndarray] = {}
     for group in groups(joints(system)):
         if any(links[face.link].contact for joint in group for face in joint.faces):
-            (kind,) = coupled([group], system, masses, (1.0,) * len(masses))
+            (kind,) = all_coupled([group], system, masses, (1.0,) * len(masses))
             pulls = jax.vmap(kind.pull)(free, response.ground_acceleration)
             closings = jnp.stack([along(joint.ends, x) for joint in group], -1)
             for m, points in _flows(response, kind, closings, pulls):

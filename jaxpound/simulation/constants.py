@@ -11,7 +11,7 @@ from jaxpound._xla.plan import Plan, Work, choice
 from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
 from jaxpound.model.joint import Joint, groups, joints
 from jaxpound.model.system import System
-from jaxpound.simulation.contact.coupled import Coupled, coupled, may_need_flow
+from jaxpound.simulation.contact.coupled import Coupled, all_coupled, may_need_flow
 from jaxpound.simulation.contact.records import SLOTS, Contact
 from jaxpound.simulation.friction import FrictionLaw
 from jaxpound.simulation.rods.law import RodLaw
@@ -74,7 +74,7 @@ class StepConstants(NamedTuple):
                 shared.append(group)
             else:
                 alone.append(Sliding.of(group[0], system, masses, influence))
-        kinds: Any = (*alone, *coupled(shared, system, masses, influence))
+        kinds: Any = (*alone, *all_coupled(shared, system, masses, influence))
         flows: Literal["never", "sometimes", "always"] = "sometimes" if shared else "never"
         if any(link.velocity_friction for link in system.links):
             flows = "always"

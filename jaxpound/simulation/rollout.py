@@ -37,7 +37,7 @@ from jaxpound.simulation.constants import StepConstants, has_flows
 from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
 from jaxpound.simulation.state import Instant, Now, RunState
-from jaxpound.simulation.step import accelerations, step
+from jaxpound.simulation.step import accelerations, one_step
 
 T = TypeVar("T")
 _SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}  # series of a response, to be extrapolated
@@ -141,7 +141,7 @@ class Rollout(NamedTuple):
             now = Now(time, a, mean, is_first, m == grid.n_steps, kick)
             if begins or initial is not None:
                 state = jax.tree.map(lambda x, y: jnp.where(m <= begins, x, y), start, state)
-            return step(constants, state, sums, now, with_flows)
+            return one_step(constants, state, sums, now, with_flows)
 
         if constants.plan.recomputed_steps:
             advance = recomputed(advance, static_argnums=(4,), but_kept=True)

@@ -25,7 +25,7 @@ from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState
 
 
-def step(
+def one_step(
     system: StepConstants, before: RunState, sums: Sequence[Any], now: Now, with_flows: bool
 ) -> tuple[RunState, list[Any], Instant]:
     """One step: the state at t_{m+1}, each rod's c_m for its history, and the instant t_m.

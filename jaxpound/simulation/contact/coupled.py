@@ -240,7 +240,7 @@ def may_need_flow(joints: Sequence[Joint], system: System) -> bool:
     return len(joints) > 1 or any(link.contact or link.velocity_friction for link in links)
 
 
-def coupled(
+def all_coupled(
     groups: Sequence[Sequence[Joint]],
     system: System,
     masses: Sequence[jax.Array],
