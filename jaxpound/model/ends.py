@@ -30,7 +30,7 @@ def along(ends: WeightedEnds, x: Sequence[Any]) -> Any:
 def load_on(mass: int, all_ends: Sequence[WeightedEnds], forces: Sequence[Any]) -> Any:
     """Load −Σ weight × f on a mass of forces that pull ends together; 0 without any."""
     pairs = zip(all_ends, forces, strict=True)
-    terms = [-times(w, force) for ends, force in pairs for i, w in ends if i == mass]
+    terms = [times(-w, force) for ends, force in pairs for i, w in ends if i == mass]
     return sum(terms[1:], terms[0]) if terms else 0.0
 
 
