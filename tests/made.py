@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies
 
 import jaxpound as jp
-from jaxpound.model.topology import elongation
+from jaxpound.model.ends import elongation
 from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.elements import place_of
 from jaxpound.results.impacts import ImpactSeries

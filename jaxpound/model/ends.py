@@ -16,6 +16,11 @@ def weighted(ends: Ends) -> WeightedEnds:
     return tuple((mass, sign) for mass, sign in zip(ends, (1, -1), strict=True) if mass != GROUND)
 
 
+def elongation(ends: Ends, x: Sequence[Any]) -> Any:
+    """x_i − x_j between two ends, of displacements or velocities by mass; the ground's is 0."""
+    return along(weighted(ends), x)
+
+
 def along(ends: WeightedEnds, x: Sequence[Any]) -> Any:
     """B x of one rod, or C x of one joint, Σ weight × x; also of velocities and accelerations."""
     terms = [times(weight, x[mass]) for mass, weight in ends]

@@ -7,9 +7,9 @@ from typing import Any
 from jaxpound._checks import Rule
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, pytree_dataclass
+from jaxpound.model.ends import elongation
 from jaxpound.model.places import link_places
 from jaxpound.model.system import System, as_tuple
-from jaxpound.model.topology import elongation
 
 
 @pytree_dataclass

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jaxpound._errors import InvalidInput
 
@@ -27,10 +27,6 @@ class Topology(NamedTuple):
     def floor_masses(self) -> list[int]:
         """All masses but tuned ones."""
         return [mass for mass in range(self.n_masses) if mass not in self.tuned]
-
-    def loads(self, forces: Sequence[Any]) -> list[Any]:
-        """The loads of the rods' forces on all masses."""
-        return [load_on(self.rods, mass, forces) for mass in range(self.n_masses)]
 
     @property
     def observed_ends(self) -> list[Ends]:
@@ -99,62 +95,6 @@ def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
         rule = "must be shear buildings, each floor on one storey"
         raise InvalidInput("structures", "masses", "", rule)
     return tuple(sorted(buildings))
-
-
-def elongation(ends: Ends, x: Sequence[Any]) -> Any:
-    """x_i − x_j between two ends, of displacements or velocities by mass; the ground's is 0."""
-    i, j = ends
-    if j == GROUND:
-        return x[i]
-    return -x[j] if i == GROUND else x[i] - x[j]
-
-
-def load_on(ends_of_all: Sequence[Ends], mass: int, forces: Sequence[Any]) -> Any:
-    """The load on a mass of the forces that pull it and their other end together."""
-    pairs = zip(ends_of_all, forces, strict=True)
-    loads = [-force if mass == ends[0] else force for ends, force in pairs if mass in ends]
-    return sum(loads[1:], loads[0]) if loads else None
-
-
-class LinkGroup(NamedTuple):
-    """Links that share masses, directly or through other links between them: a tree."""
-
-    links: tuple[int, ...]
-    """Those of the tree, then the other faces of some of them."""
-    faces: tuple[int, ...]
-    """For each other face: the position in ``links`` of the link that it belongs to."""
-    masses: tuple[int, ...]
-    root: int
-    """The ground if it is the end of a link, else the left end of the first link."""
-    hanging: tuple[tuple[int, int, int], ...]
-    """Link, parent end and child end, which *hangs* on the parent; from the root on."""
-
-
-@cache
-def link_groups(topology: Topology) -> tuple[LinkGroup, ...]:
-    """The groups of links, in the order of their first links."""
-    member, _ = joined_ends(topology.n_masses, filter(is_storey, topology.links))
-    joined: dict[int, list[int]] = {}
-    opposite, groups = faces(topology), []
-    for k, ends in enumerate(topology.links):
-        if k not in opposite:
-            joined.setdefault(member[max(ends)], []).append(k)
-    for links in joined.values():
-        members = {end for k in links for end in topology.links[k]}
-        root = GROUND if GROUND in members else topology.links[links[0]][0]
-        reached, hanging = {root}, list[tuple[int, int, int]]()
-        while len(hanging) < len(links):
-            for k in links:
-                i, j = topology.links[k]
-                if (i in reached) != (j in reached):
-                    parent, child = (i, j) if i in reached else (j, i)
-                    hanging.append((k, parent, child))
-                    reached.add(child)
-        masses = tuple(sorted(members - {GROUND}))
-        others = {k: links.index(link) for k, link in opposite.items() if link in links}
-        group = (*links, *others), tuple(others.values()), masses, root, tuple(hanging)
-        groups.append(LinkGroup(*group))
-    return tuple(groups)
 
 
 @cache

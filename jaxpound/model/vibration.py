@@ -12,9 +12,9 @@ from jaxpound._checks import instance, is_known_and_single, is_traced
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.dampers import PowerLaw
+from jaxpound.model.ends import elongation
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import Structures, gravity_of
-from jaxpound.model.topology import elongation
 from jaxpound.quantities import unit
 
 _ITERATIONS = 30

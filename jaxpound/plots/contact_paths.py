@@ -12,10 +12,9 @@ import numpy as np
 
 from jaxpound._fields import unchecked
 from jaxpound.model.dampers import Inerter
-from jaxpound.model.ends import along, load_on, weighted
+from jaxpound.model.ends import along, elongation, load_on, weighted
 from jaxpound.model.joint import groups, joints
 from jaxpound.model.system import Link, System
-from jaxpound.model.topology import elongation
 from jaxpound.results.impacts import Impact
 from jaxpound.results.response import Response
 from jaxpound.simulation.contact.coupled import Coupled, all_coupled

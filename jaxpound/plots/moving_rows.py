@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
+from jaxpound.model.ends import elongation
 from jaxpound.model.places import homes
-from jaxpound.model.topology import GROUND, elongation, stacks
+from jaxpound.model.topology import GROUND, stacks
 from jaxpound.plots.rows import stack_heights
 from jaxpound.plots.style import COLOURS, arrow, building_colour, in_house_style
 from jaxpound.results.response import Response

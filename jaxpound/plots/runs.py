@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from jaxpound._checks import require_one_of
-from jaxpound.model.topology import elongation
+from jaxpound.model.ends import elongation
 from jaxpound.plots import curves
 from jaxpound.plots import style as house
 from jaxpound.plots.curves import Curve, Loops, is_pair, same_units, series_axis, touching

@@ -13,9 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxpound.model.ends import elongation
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import System, is_closable
-from jaxpound.model.topology import elongation, storey_rods
+from jaxpound.model.topology import storey_rods
 from jaxpound.results.demand import OF_CONTACTS, OF_FLOORS, Demand
 from jaxpound.results.elements import place_of
 from jaxpound.results.named import REQUIRED_GAP

@@ -15,8 +15,9 @@ from jaxtyping import Array, Float
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
+from jaxpound.model.ends import elongation, load_on, weighted
 from jaxpound.model.places import link_places, mass_places, rod_places
-from jaxpound.model.topology import Ends, Topology, elongation, load_on
+from jaxpound.model.topology import Ends, Topology
 from jaxpound.quantities import column, unit
 from jaxpound.results import elements
 from jaxpound.results.demand import Demand
@@ -167,8 +168,9 @@ class Response(ByElement, Columnar, Shown):
         for link in self.links:
             more = (force for force in (link.contact, link.inertia) if force is not None)
             forces.append(sum(more, link.friction))
+        ends = [*map(weighted, topology.rods + topology.links)]
         return tuple(
-            load_on(topology.rods + topology.links, i, forces) / jnp.asarray(mass.mass)[..., None]
+            load_on(i, ends, forces) / jnp.asarray(mass.mass)[..., None]
             for i, mass in enumerate(self.masses)
         )
 

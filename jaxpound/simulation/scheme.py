@@ -18,9 +18,10 @@ from jaxpound.grid import TimeGrid
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.ends import mobility, weighted
 from jaxpound.model.hysteresis import before_yield, zener_of
+from jaxpound.model.joint import groups, joints
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import Ends, Topology, link_groups, rod_groups, storey_rods
+from jaxpound.model.topology import Ends, Topology, rod_groups, storey_rods
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
 from jaxpound.simulation.rods.zener import nyquist_stiffness
@@ -223,13 +224,13 @@ def require_local_flow(system: System, scheme: Scheme) -> None:
             raise InvalidInput("scheme: extrapolated = True", f"links.{k}", "", rule)
     if isinstance(scheme.friction, EventResolved) and scheme.start == "rest":
         return
-    for group in link_groups(system.topology):
-        links = [system.links[k] for k in group.links]
+    for group in groups(joints(system)):
+        links = [system.links[face.link] for joint in group for face in joint.faces]
         fields = itertools.product(links, ("contact", "velocity_friction"))
         laws = [f"{x} = {type(law).__name__}" for link, x in fields if (law := getattr(link, x))]
-        if len(group.hanging) > 1 or laws:
-            reason = "links that share masses" if len(group.hanging) > 1 else laws[0]
-            where = f"links.{group.links[0]} with {reason}"
+        if len(group) > 1 or laws:
+            reason = "links that share masses" if len(group) > 1 else laws[0]
+            where = f"links.{group[0].link} with {reason}"
             value = f"{scheme.friction} with start {scheme.start!r}"
             rule = f'must be friction EventResolved() and start "rest" for {where}'
             raise InvalidInput("scheme", "friction", value, rule)

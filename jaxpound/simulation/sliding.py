@@ -79,11 +79,10 @@ class Sliding(NamedTuple):
         for mass, share in self.shares.items():
             y[mass] = y[mass] + share * missing
 
-    def stop(self, v: list[Any], stop: Any) -> None:
+    def stop(self, v: list[Any], stop: jax.Array) -> None:
         """Add to velocities of masses what its last end makes alone of a change of its own."""
-        if stop is not None:
-            mass, weight = self.joint.ends[-1]
-            v[mass] = v[mass] + stop / weight
+        mass, weight = self.joint.ends[-1]
+        v[mass] = v[mass] + stop / weight
 
     def flow(self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int) -> None:
         """The joint needs no flow."""

@@ -22,6 +22,7 @@ from jaxpound._xla.alike import map_alike
 from jaxpound.model.ends import along, load_on
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.rods.law import RodLaw, RodStep
+from jaxpound.simulation.sliding import Sliding
 from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState
 
 
@@ -59,7 +60,8 @@ def one_step(
     a = [a - iota * now.mean_ground for a, iota in zip(free, system.influence, strict=True)]
     kicked = [v + now.kick * h * a for v, a in zip(before.v, a, strict=True)]
     for kind, y in zip(system.joints, moved, strict=True):
-        kind.stop(kicked, y.motion.stop)
+        if isinstance(kind, Sliding) and y.motion.stop is not None:
+            kind.stop(kicked, y.motion.stop)
     v = system.follow(kicked, [y.state.velocity for y in moved])
     drifted = [x + h * v for x, v in zip(before.x, v, strict=True)]
     x = system.follow(drifted, [y.state.closing for y in moved])

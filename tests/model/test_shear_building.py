@@ -8,8 +8,8 @@ from scipy.optimize import root
 
 import jaxpound as jp
 from jaxpound import FloorLink, ShearBuilding
+from jaxpound.model.ends import elongation
 from jaxpound.model.structures import storey_ends
-from jaxpound.model.topology import elongation
 from tests import linear
 from tests.refusals import refusals
 

@@ -114,13 +114,6 @@ class Coupled(NamedTuple):
             for mass, share in group.shares.items():
                 y[mass] = y[mass] + (share * closings).sum()
 
-    def stop(self, v: list[Any], stop: Any) -> None:
-        """Add to velocities what the last ends of joints make alone of a change of their own."""
-        if stop is not None:
-            for group, change in zip(self.of, self._by_group(stop), strict=True):
-                mass, weight = group.joints[0].ends[-1]
-                v[mass] = v[mass] + change[0] / weight
-
     def flow(self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int) -> Flow:
         """The joints after their local flow."""
 

@@ -232,7 +232,6 @@ def after_flow(
         turn_forces=(at.friction, at.friction),
         phase=phase,
         change_time=log.change_time,
-        stop=jax.tree.map(jnp.zeros_like, without.motion.stop),
     )
     turns = Turns(
         turned,
