@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from functools import cache, partial
-from operator import or_
 from typing import Any, TypeVar
 
 import jax
@@ -14,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import core, lax
 from jax.custom_batching import custom_vmap
-from jax.custom_derivatives import SymbolicZero
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
@@ -164,16 +162,16 @@ def runs_at_a_time() -> int:
     return len(devices) * (_CPU_RUNS if devices[0].platform == "cpu" else 65_536)
 
 
-def spread(tree: T) -> T:
+def spread(tree: T, copied: bool = True) -> T:
     """``tree`` itself; under ``jax.vmap``, its batch is spread over the devices that JAX has.
 
     It is not spread where it cannot be divided evenly, where it is small, or inside a sharding that
-    the caller has set up. What all runs share is computed once, unless it is differentiated: then
-    parameters, except long series, are copied for each run, so that their derivatives are summed
-    over the batch once at the end, and not at every step.
+    the caller has set up. Numbers that all runs share, except long series, are ``copied`` for each:
+    their derivatives are then summed over the batch once at the end, and not at every step. What
+    follows from numbers that are not is computed once for all runs.
     """
     leaves, structure = jax.tree.flatten(tree)
-    return jax.tree.unflatten(structure, _spread((False,) * len(leaves))(*leaves))
+    return jax.tree.unflatten(structure, _spread(copied)(*leaves))
 
 
 def without_mesh(tree: T) -> T:
@@ -185,20 +183,20 @@ def without_mesh(tree: T) -> T:
 
 
 @cache
-def _spread(copied: tuple[bool, ...]) -> Callable[..., list[Any]]:
-    """``spread`` of leaves, of which some are copied for each run of a batch."""
-
+def _spread(copied: bool) -> Callable[..., list[Any]]:
     @custom_vmap
     def placed(*leaves: Any) -> list[Any]:
         return list(leaves)
 
     @placed.def_vmap
     def batch(size: int, batched: list[bool], *leaves: Any) -> Any:
-        of_leaves = zip(leaves, batched, copied, strict=True)
-        in_batch = [is_in or (copy and jnp.size(x) <= _SMALL) for x, is_in, copy in of_leaves]
+        in_batch = [
+            is_batched or (copied and jnp.size(x) <= _SMALL)
+            for x, is_batched in zip(leaves, batched, strict=True)
+        ]
         rows = [
-            jnp.broadcast_to(x, (size, *jnp.shape(x))) if is_in and not was_in else x
-            for x, was_in, is_in in zip(leaves, batched, in_batch, strict=True)
+            jnp.broadcast_to(x, (size, *jnp.shape(x))) if is_in and not is_batched else x
+            for x, is_batched, is_in in zip(leaves, batched, in_batch, strict=True)
         ]
         if (mesh := _mesh_for(size)) is None:
             return spread_leaves(*rows), in_batch  # an outer vmap may still divide its own axis
@@ -212,9 +210,9 @@ def _spread(copied: tuple[bool, ...]) -> Callable[..., list[Any]]:
 
     @partial(spread_leaves.defjvp, symbolic_zeros=True)
     def differentiated(primals: Any, tangents: Any) -> Any:
-        # Else zero derivatives would be computed at every step.
-        moved = [not isinstance(change, SymbolicZero) for change in tangents]
-        return _spread(tuple(map(or_, copied, moved)))(*primals), list(tangents)
+        # Else zero derivatives would be computed at every step. Which numbers are copied must not
+        # depend on them: a batch may be differentiated after it was made.
+        return spread_leaves(*primals), list(tangents)
 
     return spread_leaves
 

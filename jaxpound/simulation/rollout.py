@@ -107,10 +107,11 @@ class Rollout(NamedTuple):
         memories = [zener_of(rod.material) for rod in structures.system().rods]
         orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
         series = as_motion(ground).excitation(grid, scheme.order).series
-        numbers = spread((structures, ground, extra, initial, series))
+        shaking = spread((ground, series), copied=False)
+        numbers = *spread((structures, extra, initial)), *shaking
         if has_flows(structures.system()):
             orders, numbers = without_mesh((orders, numbers))
-        structures, ground, extra, initial, series = numbers
+        structures, extra, initial, ground, series = numbers
         system = cast(structures.system())
         dt = grid.dt
 

@@ -225,3 +225,12 @@ def test_structures_that_a_batch_closes_over_are_not_folded_into_its_program():
     amplitudes = np.linspace(0.05, 0.3, 777)
     program = jax.jit(jax.vmap(lambda a: min_gap(a, 0.25))).lower(amplitudes).compile().as_text()
     assert not re.search(r"\[[\d,]*777[\d,]*\]\S* constant\(", program)
+
+
+def test_a_batch_is_differentiated_by_what_its_runs_share():
+    """Its runs share their friction, of which the derivative is the sum of theirs."""
+    amplitudes = jnp.array([0.3, 0.5])
+    sums = jax.grad(lambda friction: jax.vmap(min_gap, (0, None))(amplitudes, friction).sum())
+    alone = jax.jit(jax.grad(min_gap, 1))
+    expected = sum(float(alone(amplitude, 0.2)) for amplitude in amplitudes)
+    assert float(jax.jit(sums)(0.2)) == pytest.approx(expected, rel=1e-9)
