@@ -129,9 +129,10 @@ def with_mean_samples(
 
 def with_start(system: StepConstants, before: JointState, moved: Moved, now: Now) -> Moved:
     """Joints after a step; the first step is its second half alone, which begins at t_m = 0."""
-    motion, starts = moved.motion, {"velocity_now": before.velocity}
+    motion = moved.motion
+    starts: dict[str, Any] = {"velocity_now": before.velocity}
     if not system.starts_at_rest:  # what has happened is taken for what happens after it
-        starts |= dict.fromkeys(("jump", "turn_time", "turn", "change_time"), jnp.zeros(()))
+        starts |= dict.fromkeys(("jump", "turn_time", "turn", "change_time"), 0.0)
         motion = motion._replace(turns=motion.turns & ~now.is_first)
         moved = moved._replace(turns=moved.turns._replace(exist=motion.turns))
     changed: dict[str, Any] = {
