@@ -30,7 +30,6 @@ class JointGroup(NamedTuple):
     """Joints that share masses, and where they are among the constants of a run."""
 
     kind: int  # number of the entry of ``StepConstants.joints`` that has them
-    first: int  # number of the first of them among the joints of that entry
     number: int  # of the group among those of that entry
     joints: tuple[Joint, ...]
     shares: dict[int, Any]  # by mass its row of S = M⁻¹ Cᵀ G⁻¹
@@ -116,13 +115,11 @@ class StepConstants(NamedTuple):
     @property
     def groups(self) -> list[JointGroup]:
         """All groups of joints that share masses."""
-        all_groups = []
-        for kind, entry in enumerate(self.joints):
-            first = 0
-            for number, (members, shares) in enumerate(entry.groups):
-                all_groups.append(JointGroup(kind, first, number, tuple(members), shares))
-                first += len(members)
-        return all_groups
+        return [
+            JointGroup(kind, number, tuple(members), shares)
+            for kind, entry in enumerate(self.joints)
+            for number, (members, shares) in enumerate(entry.groups)
+        ]
 
     @property
     def has_flows(self) -> bool:

@@ -18,7 +18,7 @@ from jaxpound.simulation.state import (
     Jump,
     Moved,
     Now,
-    SeenJoints,
+    SeenGroup,
     link_instants,
 )
 
@@ -54,11 +54,6 @@ class Sliding(NamedTuple):
     def groups(self) -> list[tuple[list[Joint], dict[int, Any]]]:
         """The joint, and how its masses share its motion."""
         return [([self.joint], self.shares)]
-
-    @property
-    def has_inerters(self) -> bool:
-        """Whether it has an inerter."""
-        return self.inertance is not None
 
     def start(self, zero: jax.Array, x: Sequence[Any], v: Sequence[Any]) -> JointState:
         """Its state at the start of a run."""
@@ -111,25 +106,22 @@ class Sliding(NamedTuple):
         state = JointState(closing, motion.velocity, motion.phase, pull)
         return Moved.by(motion, before.closing, state)
 
-    def seen(self, moved: Moved, flow: None, inertia: Inertia) -> SeenJoints:
+    def seen(self, moved: Moved, flow: None, inertia: Inertia) -> list[SeenGroup]:
         """The joint as it is observed; where it turns its force may jump."""
         motion = moved.motion
-        late = jnp.where(motion.turns, motion.turn_time, 0.0)
-        jumps = tuple(
-            Jump(late, (jnp.where(motion.turns, force, motion.force),))
-            for force in motion.turn_forces
-        )
-        forces = (motion.force,)
-        links = link_instants(self.joint, moved, False, inertia(forces).get(0), {})
-        return SeenJoints(forces, links, (jumps,))
+        time, force = jnp.where(motion.turns, motion.turn_time, 0.0), motion.force
+        jumps = [Jump(time, [jnp.where(motion.turns, q, force)]) for q in motion.turn_forces]
+        ((inert,),) = inertia([[force]])
+        links = link_instants(self.joint, moved, False, inert, {})
+        return [SeenGroup([force], [inert], jumps, links)]
 
     def inertia(
-        self, free: Sequence[Any], ground: jax.Array, forces: Sequence[Any]
-    ) -> dict[int, jax.Array]:
-        """The force b s'' of its inerter beside other forces in it; empty without an inerter."""
+        self, free: Sequence[Any], ground: jax.Array, forces: Sequence[Sequence[Any]]
+    ) -> list[list[Any]]:
+        """The force b s'' of its inerter beside other forces in it; None without an inerter."""
         if self.inertance is None:
-            return {}
-        return {0: self.inertance * (self.pull(free, ground) - self.mobility * forces[0])}
+            return [[None]]
+        return [[self.inertance * (self.pull(free, ground) - self.mobility * forces[0][0])]]
 
 
 def less_ground(pull: Any, influence: Any, ground: jax.Array) -> Any:

@@ -123,16 +123,28 @@ class Jump(NamedTuple):
     forces: Sequence[jax.Array]  # of friction and contact then, of the joints that share masses
 
 
-Inertia = Callable[[Sequence[jax.Array]], dict[int, jax.Array]]
-"""Forces of inerters by joint of a kind, from those of friction and contact in all of them."""
+class SeenGroup(NamedTuple):
+    """Joints that share masses as they are observed at t_m."""
 
-
-class SeenJoints(NamedTuple):
-    """Joints of a kind as they are observed at t_m."""
-
-    forces: tuple[jax.Array, ...]  # q + p of friction and contact, by joint
+    forces: Sequence[jax.Array]  # q + p of friction and contact, by joint
+    inertia: Sequence[Any]  # forces of inerters, by joint; None of a joint without one
+    jumps: Sequence[Jump]
     links: dict[int, LinkInstant]
-    jumps: tuple[tuple[Jump, ...], ...]  # by group of joints
+
+    @property
+    def totals(self) -> list[Any]:
+        """Forces of friction, contact and inerters, by joint."""
+        return added(self.forces, self.inertia)
+
+
+def added(forces: Sequence[Any], inertia: Sequence[Any]) -> list[Any]:
+    """Forces in joints with those of their inerters, or None."""
+    pairs = zip(forces, inertia, strict=True)
+    return [force if inert is None else force + inert for force, inert in pairs]
+
+
+Inertia = Callable[[Sequence[Sequence[Any]]], list[list[Any]]]
+"""Forces of inerters from those of friction and contact, of joints by group."""
 
 
 def link_instants(
@@ -167,7 +179,7 @@ class Instant(NamedTuple):
     x: tuple[jax.Array, ...]
     v: tuple[jax.Array, ...]
     rods: tuple[RodStep, ...]
-    joints: tuple[SeenJoints, ...]
+    groups: tuple[SeenGroup, ...]
     links: tuple[LinkInstant, ...]
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
 

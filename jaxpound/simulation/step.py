@@ -23,7 +23,7 @@ from jaxpound.model.ends import along, load_on
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.sliding import Sliding
-from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState
+from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState, SeenGroup
 
 
 def one_step(
@@ -112,16 +112,17 @@ def with_mean_samples(
 ) -> list[RodStep]:
     """The rods at t_m, of which those at joints with a flow take the mean sample of the path."""
 
-    def stretched(name: str) -> list[Any]:
-        changes = [0.0 if flow is None else getattr(flow, name) for flow in flows]
-        shifts = [0.0] * len(system.masses)
+    def stretched(changes: Sequence[Any]) -> list[Any]:
+        """Changes of the rods' elongations; a float, 0, where no joint with a flow has changed."""
+        shifts: list[Any] = [0.0] * len(system.masses)
         for kind, change in zip(system.joints, changes, strict=True):
-            if not isinstance(change, float):
+            if change is not None:
                 kind.follow(shifts, change)
         return [along(ends, shifts) for ends in system.rod_ends]
 
-    # A float is the 0 of a rod whose masses belong to no joint that has a flow.
-    by_rod = enumerate(zip(stretched("now"), stretched("mean"), strict=True))
+    to_now = stretched([flow and flow.now for flow in flows])
+    to_mean = stretched([flow and flow.mean for flow in flows])
+    by_rod = enumerate(zip(to_now, to_mean, strict=True))
     shifts = {number: shift for number, shift in by_rod if not isinstance(shift[1], float)}
     moved = iter(rods_at(system, before, sums, now, shifts))
     return [next(moved) if number in shifts else rod for number, rod in enumerate(rods)]
@@ -158,17 +159,17 @@ def observed(
     mean = [(v + w) / 2 for v, w in zip(before.v, after.v, strict=True)]
     v = system.follow(mean, [y.motion.velocity_now for y in moved])
     v = tuple(jnp.where(now.is_first, a, b) for a, b in zip(before.v, v, strict=True))
-    free, joints = system.free_accelerations(forces), list[Any]()
+    free, groups = system.free_accelerations(forces), list[SeenGroup]()
     for kind, y, flow in zip(system.joints, moved, flows, strict=True):
-        joints.append(kind.seen(y, flow, partial(kind.inertia, free, now.ground)))
-    links = {k: link for seen in joints for k, link in seen.links.items()}
+        groups += kind.seen(y, flow, partial(kind.inertia, free, now.ground))
+    links = {k: link for seen in groups for k, link in seen.links.items()}
     return Instant(
         time=now.time,
         ground=now.ground,
         x=x,
         v=v,
         rods=tuple(rods),
-        joints=tuple(joints),
+        groups=tuple(groups),
         links=tuple(links[k] for k in sorted(links)),
         needs_flow=needs_flow,
     )
@@ -177,11 +178,8 @@ def observed(
 def accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
     """Absolute acceleration x'' + ι u'' of each mass at an instant."""
     ends, forces = list(system.rod_ends), [*now.forces]
-    for group in system.groups:
-        joint_forces = now.joints[group.kind].forces[group.first :]
-        for joint, force in zip(group.joints, joint_forces, strict=False):
-            inertia = now.links[joint.link].inertia
-            ends.append(joint.ends)
-            forces.append(force if inertia is None else force + inertia)
+    for group, seen in zip(system.groups, now.groups, strict=True):
+        ends += [joint.ends for joint in group.joints]
+        forces += seen.totals
     masses = enumerate(system.masses)
     return tuple(load_on(number, ends, forces) / mass for number, mass in masses)

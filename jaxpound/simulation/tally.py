@@ -21,12 +21,12 @@ from jaxpound.model.system import System
 from jaxpound.model.topology import GROUND, Ends, Topology, is_storey
 from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
-from jaxpound.simulation.constants import JointGroup, StepConstants
+from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.peaks import GroundPeaks, Peak, Peaks, Sample
 from jaxpound.simulation.rods.yielding import time_until
-from jaxpound.simulation.state import Instant, RunState
+from jaxpound.simulation.state import Instant, RunState, added
 
 
 def each(function: Callable[..., Any], *series: Iterable[Any]) -> tuple[Any, ...]:
@@ -82,14 +82,13 @@ class _Observed(NamedTuple):
         """A mass's acceleration: it jumps with the forces of its joints, and has kinks of rods."""
         now, reached, settled = self.now, list[jax.Array](), self.smooth
         rods = [k for k, ends in enumerate(self.system.rod_ends) if mass in dict(ends)]
-        forces: Sequence[jax.Array] = ()
-        group = next((y for y in self.system.groups if mass in y.shares), None)
+        groups, forces = self.system.groups, list[jax.Array]()
+        group = next((k for k, group in enumerate(groups) if mass in group.shares), None)
         if group is not None:
-            seen, links = now.joints[group.kind], [joint.link for joint in group.joints]
-            forces = seen.forces[group.first : group.first + len(links)]
-            calm = [self.links[k].instants_since_turn >= WINDOW for k in links]
-            settled &= jnp.stack(calm).all()
-            for jump in seen.jumps[group.number]:
+            forces = [*now.groups[group].forces]
+            links = [self.links[joint.link] for joint in groups[group].joints]
+            settled &= jnp.stack([link.instants_since_turn >= WINDOW for link in links]).all()
+            for jump in now.groups[group].jumps:
                 reached.append(self.accelerated(mass, group, jump.forces, jump.time))
         elif len(rods) == 1:  # of its rod
             force = self.force(rods[0])
@@ -108,12 +107,12 @@ class _Observed(NamedTuple):
     def accelerated(
         self,
         mass: int,
-        group: JointGroup | None,
+        group: int | None,
         forces: Sequence[Any],
         late: Any = None,
         kink: Mapping[int, jax.Array] = MappingProxyType({}),
     ) -> jax.Array:
-        """A mass's acceleration under forces of its joints, some time after the instant.
+        """A mass's acceleration under forces of its group of joints, some time after the instant.
 
         ``kink`` is the force of a rod then, by its number; all others are linear in time.
         """
@@ -133,16 +132,16 @@ class _Observed(NamedTuple):
                 ends.append(rod_ends)
                 acting.append(rod_force(number))
         if group is not None:
-            kind = system.joints[group.kind]
-            if kind.has_inerters:
-                others = [*self.now.joints[group.kind].forces]
-                others[group.first : group.first + len(forces)] = forces
-                rods = map(rod_force, range(len(system.rods)))
-                inertia = kind.inertia(system.free_accelerations([*rods]), ground, others)
-                own = enumerate(forces, group.first)
-                forces = [force + inertia.get(k, 0.0) for k, force in own]
-            ends += [joint.ends for joint in group.joints]
-            acting += forces
+            own, seen = system.groups[group], self.now.groups
+            inertia = seen[group].inertia
+            if late is not None and any(inert is not None for inert in inertia):
+                kinds = zip(system.groups, seen, strict=True)
+                others = [y.forces for other, y in kinds if other.kind == own.kind]
+                others[own.number] = forces
+                free = system.free_accelerations([*map(rod_force, range(len(system.rods)))])
+                inertia = system.joints[own.kind].inertia(free, ground, others)[own.number]
+            ends += [joint.ends for joint in own.joints]
+            acting += added(forces, inertia)
         return load_on(mass, ends, acting) / system.masses[mass]
 
 

@@ -31,7 +31,7 @@ from jaxpound.simulation.state import (
     LinkInstant,
     Moved,
     Now,
-    SeenJoints,
+    SeenGroup,
     link_instants,
 )
 
@@ -69,11 +69,6 @@ class Coupled(NamedTuple):
     def groups(self) -> list[tuple[list[Joint], dict[int, Any]]]:
         """The joints of each group, and how its masses share their motions."""
         return [([*group.joints], group.shares) for group in self.of]
-
-    @property
-    def has_inerters(self) -> bool:
-        """Whether any joint has an inerter."""
-        return self.inerters is not None
 
     def _map(self, function: Callable[..., Any], *values: Any) -> Any:
         """A function of the numbers of one group, applied to each group."""
@@ -155,20 +150,19 @@ class Coupled(NamedTuple):
         flows = [] if flow is None else [flow]
         return self._map(finish, self.coupling, before, pull, *flows)
 
-    def seen(self, moved: Moved, flow: Flow | None, inertia: Inertia) -> SeenJoints:
-        """The joints as they are observed."""
+    def seen(self, moved: Moved, flow: Flow | None, inertia: Inertia) -> list[SeenGroup]:
+        """The groups as they are observed."""
         flows = [None] * len(self.of) if flow is None else self._by_group(flow)
         columns = zip(self.links, self._by_group(moved), flows, strict=True)
-        groups = [_SeenGroup.of(self.gaps, *column) for column in columns]
-        forces = tuple(force for group in groups for force in group.forces)
-        inert, number, links = inertia(forces), 0, dict[int, LinkInstant]()
-        for group, seen in zip(self.of, groups, strict=True):
-            for joint, joint_moved, jumps in zip(
-                group.joints, seen.moved, seen.jumped, strict=True
-            ):
-                links |= link_instants(joint, joint_moved, jumps, inert.get(number), seen.gaps)
-                number += 1
-        return SeenJoints(forces, links, tuple(seen.jumps for seen in groups))
+        events = [_Events.of(self.gaps, *column) for column in columns]
+        inert, groups = inertia([group.forces for group in events]), list[SeenGroup]()
+        for group, seen, forces in zip(self.of, events, inert, strict=True):
+            links, joints = dict[int, LinkInstant](), zip(group.joints, seen.moved, strict=True)
+            for number, (joint, joint_moved) in enumerate(joints):
+                of_joint = seen.jumped[number], forces[number], seen.gaps
+                links |= link_instants(joint, joint_moved, *of_joint)
+            groups.append(SeenGroup(seen.forces, forces, seen.jumps, links))
+        return groups
 
     def contacts(self, state: JointState) -> dict[int, Contact]:
         """The contact of each link that has a law of contact."""
@@ -179,19 +173,23 @@ class Coupled(NamedTuple):
         return by_gap
 
     def inertia(
-        self, free: Sequence[Any], ground: jax.Array, forces: Sequence[Any]
-    ) -> dict[int, jax.Array]:
-        """The forces b s'' of inerters, by joint, beside other forces in the joints."""
+        self, free: Sequence[Any], ground: jax.Array, forces: Sequence[Sequence[Any]]
+    ) -> list[list[Any]]:
+        """The forces b s'' of inerters beside other forces; None of joints without one."""
         if self.inerters is None:
-            return {}
-        others = self._map(times, self.coupling.delassus, self._array(forces))
-        inert = self.inerters.inertances * (self.pull(free, ground) - others)
-        has_inerter = [has for group in self.of for has in group.has_inerter]
-        return {k: force for k, force in enumerate(inert.ravel()) if has_inerter[k]}
+            return [[None] * len(group.joints) for group in self.of]
+        others = self._map(
+            times, self.coupling.delassus, self._array([q for group in forces for q in group])
+        )
+        inert = iter((self.inerters.inertances * (self.pull(free, ground) - others)).ravel())
+        return [
+            [force if has else None for has, force in zip(group.has_inerter, inert, strict=False)]
+            for group in self.of
+        ]
 
 
-class _SeenGroup(NamedTuple):
-    """A group as it is observed; lists have an entry for each joint, in order."""
+class _Events(NamedTuple):
+    """What happens in a group in a step; lists have an entry for each joint, in order."""
 
     moved: list[Moved]
     forces: list[jax.Array]  # of friction and contact
@@ -200,7 +198,7 @@ class _SeenGroup(NamedTuple):
     jumps: tuple[Jump, ...]
 
     @staticmethod
-    def of(gaps: Gaps, links: Sequence[int], moved: Moved, flow: Flow | None) -> _SeenGroup:
+    def of(gaps: Gaps, links: Sequence[int], moved: Moved, flow: Flow | None) -> _Events:
         """The joints of a group after a step, with its gaps, which belong to these links."""
         joints = unstacked(moved._replace(state=None))  # which has also numbers of the gaps
         steps, used = list[GapStep](), jnp.zeros((), bool)
@@ -224,7 +222,7 @@ class _SeenGroup(NamedTuple):
             highest = [jnp.where(hits, force, now) for force, now in pairs]
             jumps.append(Jump(jnp.where(hits, step.highest_time, 0.0), highest))
         by_link = dict(zip(links, steps, strict=bool(steps)))
-        return _SeenGroup(joints, forces, jumped, by_link, tuple(jumps))
+        return _Events(joints, forces, jumped, by_link, tuple(jumps))
 
 
 def may_need_flow(joints: Sequence[Joint], system: System) -> bool:
