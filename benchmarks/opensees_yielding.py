@@ -22,7 +22,8 @@ jax.config.update("jax_enable_x64", True)
 jp.use_loop_kernels()  # before the other benchmarks compute anything
 sys.path.append(str(Path(__file__).parent))
 from opensees import opensees  # noqa: E402
-from tests.simulation.test_yielding import CASES, ground_of, system_of  # noqa: E402
+
+from tests.simulation.rods.test_yielding import CASES, ground_of, system_of  # noqa: E402
 
 NAMES = {"one_bilinear": "bilinear, one mass", "two_boucwen": "Bouc–Wen, two storeys"}
 OURS, THEIRS = (0.04, 0.02, 0.01, 0.005), (0.01, 0.005, 0.002, 0.001, 0.0005)

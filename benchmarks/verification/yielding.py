@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import jax
 import numpy as np
-from tests.simulation.test_yielding import CASES, errors
 
 import jaxpound as jp
 from benchmarks.verification import el_centro
 from benchmarks.verification.case import Case, Errors, Number
+from tests.simulation.rods.test_yielding import CASES, errors
 
 STEPS = (0.02, 0.01, 0.005, 0.0025)
 NAMES = {

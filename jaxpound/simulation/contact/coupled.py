@@ -154,7 +154,7 @@ class Coupled(NamedTuple):
         """The groups as they are observed."""
         flows = [None] * len(self.of) if flow is None else self._by_group(flow)
         columns = zip(self.links, self._by_group(moved), flows, strict=True)
-        events = [_Events.of(self.gaps, *column) for column in columns]
+        events = [_GroupEvents.of(self.gaps, *column) for column in columns]
         inert, groups = inertia([group.forces for group in events]), list[SeenGroup]()
         for group, seen, forces in zip(self.of, events, inert, strict=True):
             links, joints = dict[int, LinkInstant](), zip(group.joints, seen.moved, strict=True)
@@ -188,7 +188,7 @@ class Coupled(NamedTuple):
         ]
 
 
-class _Events(NamedTuple):
+class _GroupEvents(NamedTuple):
     """What happens in a group in a step; lists have an entry for each joint, in order."""
 
     moved: list[Moved]
@@ -198,7 +198,7 @@ class _Events(NamedTuple):
     jumps: tuple[Jump, ...]
 
     @staticmethod
-    def of(gaps: Gaps, links: Sequence[int], moved: Moved, flow: Flow | None) -> _Events:
+    def of(gaps: Gaps, links: Sequence[int], moved: Moved, flow: Flow | None) -> _GroupEvents:
         """The joints of a group after a step, with its gaps, which belong to these links."""
         joints = unstacked(moved._replace(state=None))  # which has also numbers of the gaps
         steps, used = list[GapStep](), jnp.zeros((), bool)
@@ -222,7 +222,7 @@ class _Events(NamedTuple):
             highest = [jnp.where(hits, force, now) for force, now in pairs]
             jumps.append(Jump(jnp.where(hits, step.highest_time, 0.0), highest))
         by_link = dict(zip(links, steps, strict=bool(steps)))
-        return _Events(joints, forces, jumped, by_link, tuple(jumps))
+        return _GroupEvents(joints, forces, jumped, by_link, tuple(jumps))
 
 
 def may_need_flow(joints: Sequence[Joint], system: System) -> bool:
