@@ -27,6 +27,12 @@ def along(ends: WeightedEnds, x: Sequence[Any]) -> Any:
     return sum(terms[1:], terms[0])
 
 
+def less_ground(pull: Any, influence: Any, ground: Any) -> Any:
+    """An acceleration along ends less C ι u'', which drops out where all move with the ground."""
+    moves_all = isinstance(influence, int | float) and not influence
+    return pull if moves_all else pull - influence * ground
+
+
 def load_on(mass: int, all_ends: Sequence[WeightedEnds], forces: Sequence[Any]) -> Any:
     """Load −Σ weight × f on a mass of forces that pull ends together; 0 without any."""
     pairs = zip(all_ends, forces, strict=True)

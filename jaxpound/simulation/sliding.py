@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.ends import along, mobility
+from jaxpound.model.ends import along, less_ground, mobility
 from jaxpound.model.joint import Joint
 from jaxpound.model.system import System
 from jaxpound.simulation.friction import FrictionLaw, LinkStep
@@ -20,6 +20,7 @@ from jaxpound.simulation.state import (
     Now,
     SeenGroup,
     link_instants,
+    rise_of,
 )
 
 
@@ -96,7 +97,7 @@ class Sliding(NamedTuple):
         h: float,
     ) -> Moved:
         """The joint after a step, by the law of friction: slip until θ, stick until φ, slip."""
-        rise = jnp.where(now.is_first, 0.0, pull - before.pull)
+        rise = rise_of(before, pull, now)
         # Half a step is a whole one with half the pull and half the mobility.
         pushed, mobility = now.kick * pull, now.kick * self.mobility
         motion = law.slide(
@@ -122,9 +123,3 @@ class Sliding(NamedTuple):
         if self.inertance is None:
             return [[None]]
         return [[self.inertance * (self.pull(free, ground) - self.mobility * forces[0][0])]]
-
-
-def less_ground(pull: Any, influence: Any, ground: jax.Array) -> Any:
-    """A pull with the acceleration of the ground, which drops out where all ends move with it."""
-    moves_all = isinstance(influence, int | float) and not influence
-    return pull if moves_all else pull - influence * ground

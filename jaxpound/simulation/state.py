@@ -36,6 +36,11 @@ class JointState(NamedTuple):
     contact: Any = None  # the ``Contact`` of each gap
 
 
+def rise_of(before: JointState, pull: jax.Array, now: Now) -> jax.Array:
+    """D = A_m − A_{m−1}, the growth of the pull; 0 as a run starts, maybe under a load."""
+    return jnp.where(now.is_first, 0.0, pull - before.pull)
+
+
 class RunState(NamedTuple):
     """Displacements at t_m, velocities at t_m − h/2, and the state of rods and joints."""
 

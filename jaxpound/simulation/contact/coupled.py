@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxpound._xla.alike import by_kind, stacked, unstacked
 from jaxpound._xla.derivatives import kept
 from jaxpound.model.contact import with_mass
-from jaxpound.model.ends import along
+from jaxpound.model.ends import along, less_ground
 from jaxpound.model.joint import Joint
 from jaxpound.model.system import System
 from jaxpound.simulation.contact import group as functions
@@ -96,11 +96,12 @@ class Coupled(NamedTuple):
 
     def pull(self, free: Sequence[Any], ground: jax.Array) -> jax.Array:
         """A = C (a − ι u''), relative accelerations of joints from the free ones of the masses."""
-        influence = [iota for group in self.of for iota in group.influence]
-        pull = self.along(free)
-        if any(not isinstance(iota, int | float) or iota for iota in influence):
-            driven = self._array([ground * iota for iota in influence])
-            pull = pull - driven
+        pulls = [
+            less_ground(along(joint.ends, free), iota, ground)
+            for group in self.of
+            for joint, iota in zip(group.joints, group.influence, strict=True)
+        ]
+        pull = self._array(pulls)
         return pull if self.inerters is None else self._map(times, self.inerters.reduction, pull)
 
     def follow(self, y: list[Any], missing: Any) -> None:

@@ -28,7 +28,7 @@ from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.forces import at_gaps, at_joints, times
 from jaxpound.simulation.contact.records import APART, PRESSED, FlowInput, FlowResult, Gaps
 from jaxpound.simulation.friction import EventResolved, FrictionLaw, LinkMotion, LinkStep
-from jaxpound.simulation.state import JointState, Moved, Now, Turns
+from jaxpound.simulation.state import JointState, Moved, Now, Turns, rise_of
 
 
 class Coupling(NamedTuple):
@@ -88,11 +88,6 @@ def motion_without_flow(
         )
     )
     return jax.tree.map(lambda y: y[None], motion)
-
-
-def rise_of(before: JointState, pull: jax.Array, now: Now) -> jax.Array:
-    """D = A_m − A_{m−1}, the growth of the pull; 0 as a run starts, maybe under a load."""
-    return jnp.where(now.is_first, 0.0, pull - before.pull)
 
 
 def _motion_without_events(
