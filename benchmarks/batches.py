@@ -21,8 +21,8 @@ from jax.extend.core import jaxprs_in_params
 from peers import modal_loop, paper_algorithm, paper_batch
 
 import jaxpound as jp
-from jaxpound.simulation.history import BLOCK
 from jaxpound.simulation.rods.zener import Zener
+from jaxpound.simulation.time.history import BLOCK
 
 jax.config.update("jax_enable_x64", True)
 CORES = jp.use_cores()

@@ -17,7 +17,6 @@ from jaxpound.model.joint import groups, joints
 from jaxpound.model.system import Link, System
 from jaxpound.results.impacts import Impact
 from jaxpound.results.response import Response
-from jaxpound.simulation.contact.coupled import Coupled, all_coupled
 from jaxpound.simulation.contact.events import FlowState
 from jaxpound.simulation.contact.forces import Constants
 from jaxpound.simulation.contact.local_flow import advance, start, unfinished, within
@@ -30,6 +29,7 @@ from jaxpound.simulation.contact.records import (
     FlowInput,
     Gaps,
 )
+from jaxpound.simulation.joints.coupled import Coupled, all_coupled
 
 _POINTS = 9  # of each substep
 

@@ -2,12 +2,9 @@ from .buildings import simulate_buildings as simulate_buildings
 from .buildings import simulate_row as simulate_row
 from .divergence import Growth as Growth
 from .divergence import growth as growth
-from .friction import EventResolved as EventResolved
-from .friction import Smoothed as Smoothed
-from .friction import Switching as Switching
-from .history import FullHistory as FullHistory
-from .history import ModalHistory as ModalHistory
-from .history import gl_weights as gl_weights
+from .joints.friction import EventResolved as EventResolved
+from .joints.friction import Smoothed as Smoothed
+from .joints.friction import Switching as Switching
 from .rods.yielding import CyclicTest as CyclicTest
 from .rods.yielding import cyclic_test as cyclic_test
 from .rods.zener import rod_force as rod_force
@@ -18,3 +15,6 @@ from .scheme import Scheme as Scheme
 from .scheme import stability_limit as stability_limit
 from .spectrum import InelasticSpectrum as InelasticSpectrum
 from .spectrum import inelastic_spectrum as inelastic_spectrum
+from .time.history import FullHistory as FullHistory
+from .time.history import ModalHistory as ModalHistory
+from .time.history import gl_weights as gl_weights

@@ -11,13 +11,13 @@ from jaxpound._xla.plan import Plan, Work, choice
 from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
 from jaxpound.model.joint import Joint, groups, joints
 from jaxpound.model.system import System
-from jaxpound.simulation.contact.coupled import Coupled, all_coupled, may_need_flow
 from jaxpound.simulation.contact.records import SLOTS, Contact
-from jaxpound.simulation.friction import FrictionLaw
+from jaxpound.simulation.joints.coupled import Coupled, all_coupled, may_need_flow
+from jaxpound.simulation.joints.friction import FrictionLaw
+from jaxpound.simulation.joints.sliding import Sliding
 from jaxpound.simulation.rods.law import RodLaw
 from jaxpound.simulation.rods.laws import law_of
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.sliding import Sliding
 from jaxpound.simulation.state import RunState
 
 

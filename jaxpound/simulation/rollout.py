@@ -34,10 +34,10 @@ from jaxpound.model.topology import Topology
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
 from jaxpound.simulation.constants import StepConstants, has_flows
-from jaxpound.simulation.scan import scan_with_history
 from jaxpound.simulation.scheme import Scheme, is_stable
 from jaxpound.simulation.state import Instant, Now, RunState
 from jaxpound.simulation.step import accelerations, one_step
+from jaxpound.simulation.time.scan import scan_with_history
 
 T = TypeVar("T")
 _SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}  # series of a response, to be extrapolated

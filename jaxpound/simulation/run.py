@@ -33,6 +33,8 @@ from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response
 from jaxpound.simulation.constants import contacts
 from jaxpound.simulation.contact.records import Contact
+from jaxpound.simulation.observe.series import StoredSeries, response_of
+from jaxpound.simulation.observe.tally import Tally
 from jaxpound.simulation.rollout import (
     Rollout,
     extrapolated,
@@ -46,9 +48,7 @@ from jaxpound.simulation.scheme import (
     require_stable,
     single_system,
 )
-from jaxpound.simulation.series import StoredSeries, response_of
 from jaxpound.simulation.state import Instant
-from jaxpound.simulation.tally import Tally
 
 Case = tuple[Structures, Ground, InitialState | None]  # of a run, with its start
 

@@ -22,9 +22,9 @@ from jaxpound.model.joint import groups, joints
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Structures, System, gravity_of
 from jaxpound.model.topology import Ends, Topology, rod_groups, storey_rods
-from jaxpound.simulation.friction import EventResolved, FrictionLaw, Switching
-from jaxpound.simulation.history import FullHistory, HistorySum, ModalHistory
+from jaxpound.simulation.joints.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.rods.zener import nyquist_stiffness
+from jaxpound.simulation.time.history import FullHistory, HistorySum, ModalHistory
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from jaxpound.model.joint import Joint
 from jaxpound.simulation.contact.records import FlowResult
-from jaxpound.simulation.friction import LinkMotion
+from jaxpound.simulation.joints.friction import LinkMotion
 from jaxpound.simulation.rods.law import RodStep
 
 

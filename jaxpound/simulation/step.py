@@ -21,8 +21,8 @@ import jax.numpy as jnp
 from jaxpound._xla.alike import map_alike
 from jaxpound.model.ends import along, load_on
 from jaxpound.simulation.constants import StepConstants
+from jaxpound.simulation.joints.sliding import Sliding
 from jaxpound.simulation.rods.law import RodLaw, RodStep
-from jaxpound.simulation.sliding import Sliding
 from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState, SeenGroup
 
 

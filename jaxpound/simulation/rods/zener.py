@@ -18,9 +18,9 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxpound._checks import Rule, enforce, finite, real
 from jaxpound._xla.plan import Work, choice
 from jaxpound.model.rod import ZenerRod
-from jaxpound.simulation.history import HistorySum, ModalHistory
 from jaxpound.simulation.rods.law import RodLaw, RodStep
-from jaxpound.simulation.scan import scan_with_history
+from jaxpound.simulation.time.history import HistorySum, ModalHistory
+from jaxpound.simulation.time.scan import scan_with_history
 
 
 @register_dataclass

@@ -9,7 +9,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._xla.plan import Plan
-from jaxpound.simulation.scan import scan_with_history
+from jaxpound.simulation.time.scan import scan_with_history
 
 ORDERS = (0.3, 0.8)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies
 
 import jaxpound as jp
-from jaxpound.simulation.peaks import Peak, Peaks, Sample
+from jaxpound.simulation.observe.peaks import Peak, Peaks, Sample
 
 
 def peak(samples, dtype=np.float64):

@@ -23,8 +23,8 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.contact.records import Contact
-from jaxpound.simulation.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
-from jaxpound.simulation.peaks import GroundPeaks, Peak, Peaks, Sample
+from jaxpound.simulation.observe.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
+from jaxpound.simulation.observe.peaks import GroundPeaks, Peak, Peaks, Sample
 from jaxpound.simulation.rods.yielding import time_until
 from jaxpound.simulation.state import Instant, RunState, added
 

@@ -23,7 +23,7 @@ from jax import lax
 
 from jaxpound._xla.blocks import Blocks
 from jaxpound._xla.plan import Plan
-from jaxpound.simulation.history import BLOCK, NEAR, HistorySum
+from jaxpound.simulation.time.history import BLOCK, NEAR, HistorySum
 
 Advance = Callable[[Any, list[jax.Array], jax.Array, Any], tuple[Any, list[jax.Array], Any]]
 

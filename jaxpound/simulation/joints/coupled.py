@@ -18,11 +18,11 @@ from jaxpound.model.contact import with_mass
 from jaxpound.model.ends import along, less_ground
 from jaxpound.model.joint import Joint
 from jaxpound.model.system import System
-from jaxpound.simulation.contact import group as functions
 from jaxpound.simulation.contact.forces import inverse_of, times
-from jaxpound.simulation.contact.group import Coupling, Flow, Gaps
 from jaxpound.simulation.contact.records import Contact, FlowResult
-from jaxpound.simulation.friction import FrictionLaw
+from jaxpound.simulation.joints import group as functions
+from jaxpound.simulation.joints.friction import FrictionLaw
+from jaxpound.simulation.joints.group import Coupling, Flow, Gaps
 from jaxpound.simulation.state import (
     GapStep,
     Inertia,

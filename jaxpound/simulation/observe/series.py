@@ -17,9 +17,9 @@ from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.contact.records import Contact, Impacts, is_deformed
+from jaxpound.simulation.observe.tally import Tally
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.state import Instant
-from jaxpound.simulation.tally import Tally
 
 
 class StoredSeries(NamedTuple):

@@ -27,7 +27,7 @@ from jaxpound.simulation.contact import forces, records
 from jaxpound.simulation.contact.flows import flow
 from jaxpound.simulation.contact.forces import at_gaps, at_joints, times
 from jaxpound.simulation.contact.records import APART, PRESSED, FlowInput, FlowResult, Gaps
-from jaxpound.simulation.friction import EventResolved, FrictionLaw, LinkMotion, LinkStep
+from jaxpound.simulation.joints.friction import EventResolved, FrictionLaw, LinkMotion, LinkStep
 from jaxpound.simulation.state import JointState, Moved, Now, Turns, rise_of
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxpound.model.ends import along, less_ground, mobility
 from jaxpound.model.joint import Joint
 from jaxpound.model.system import System
-from jaxpound.simulation.friction import FrictionLaw, LinkStep
+from jaxpound.simulation.joints.friction import FrictionLaw, LinkStep
 from jaxpound.simulation.state import (
     Inertia,
     JointState,

@@ -17,7 +17,7 @@ from jax import lax
 
 from jaxpound._checks import is_traced, positive_number
 from jaxpound._errors import InvalidInput
-from jaxpound.simulation.coulomb import slip_stick
+from jaxpound.simulation.joints.coulomb import slip_stick
 
 
 class LinkStep(NamedTuple):

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, example, given, strategies
 
 import jaxpound as jp
-from jaxpound.simulation.coulomb import _events, _outcome, slip_stick
-from jaxpound.simulation.friction import LinkStep, _creep
+from jaxpound.simulation.joints.coulomb import _events, _outcome, slip_stick
+from jaxpound.simulation.joints.friction import LinkStep, _creep
 from tests.refusals import refusals
 
 H = 0.1
