@@ -3,22 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
-from jaxpound.model.topology import GROUND, Ends
+from jaxpound.model.topology import GROUND, AnyEnds, WeightedMasses
 
 WeightedEnds = tuple[tuple[int, Any], ...]
 """Masses and their weights; the ground, which does not move, is left out."""
 
 
-def weighted(ends: Ends) -> WeightedEnds:
-    """The ends of a rod or a joint that is stretched by x_i − x_j."""
+class Element(Protocol):
+    """A rod, a link, or the response of either."""
+
+    @property
+    def ends(self) -> AnyEnds | None:
+        """Masses i and j, of which one may be ``GROUND``; or masses with weights."""
+
+    @property
+    def weights(self) -> Sequence[Any]:
+        """The weights of masses with weights; none between two ends."""
+
+
+def weighted(element: Element) -> WeightedEnds:
+    """Masses and weights of a rod or a link; 1 and −1 if it is stretched by x_i − x_j."""
+    ends: Any = element.ends
+    if isinstance(ends, WeightedMasses):
+        return tuple(zip(ends.masses, element.weights, strict=True))
     return tuple((mass, sign) for mass, sign in zip(ends, (1, -1), strict=True) if mass != GROUND)
 
 
-def elongation(ends: Ends, x: Sequence[Any]) -> Any:
-    """x_i − x_j between two ends, of displacements or velocities by mass; the ground's is 0."""
-    return along(weighted(ends), x)
+def elongation(element: Element, x: Sequence[Any]) -> Any:
+    """Elongation of a rod, or closing of a link, by displacements of masses; or of velocities."""
+    return along(weighted(element), x)
 
 
 def along(ends: WeightedEnds, x: Sequence[Any]) -> Any:

@@ -69,7 +69,7 @@ def initial_rules(initial: InitialState, system: System, dt: float) -> list[Rule
     rules = []
     for place, link in zip(link_places(system.topology), system.links, strict=True):
         if link.contact is not None:
-            left = link.gap - elongation(link.ends, x)
+            left = link.gap - elongation(link, x)
             rule = "open, and stay so for a step: a law of contact starts apart"
-            rules.append(Rule(f"gap of {place}", left, left > dt * elongation(link.ends, v), rule))
+            rules.append(Rule(f"gap of {place}", left, left > dt * elongation(link, v), rule))
     return rules

@@ -40,7 +40,7 @@ def joints(system: System) -> tuple[Joint, ...]:
     opposite = {first: other for other, first in faces(system.topology).items()}
     return tuple(
         Joint(
-            weighted(link.ends),
+            weighted(link),
             (Face(k, 1), *([Face(opposite[k], -1)] if k in opposite else [])),
         )
         for k, link in enumerate(system.links)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 
-from jaxpound.model.topology import GROUND, Ends, Topology, faces, stacks
+from jaxpound.model.topology import GROUND, AnyEnds, Ends, Topology, WeightedMasses, faces, stacks
 
 TUNED = 0
 """The number of a tuned mass among the floors of a building, which count from 1."""
@@ -26,9 +26,14 @@ def rod_places(topology: Topology) -> tuple[str, ...]:
     A rod beside the storeys, such as a damper, is ``rod 1–2, floor 2`` after its ends.
     """
     storeys, home, places = homes(topology, of_rods=True), homes(topology), list[str]()
-    for rod, (low, high) in enumerate(map(sorted, topology.rods)):
-        place = link_place(home[high], home.get(low)) if home else rod + 1
-        places.append(_part("storey", home, storeys[rod]) if rod in storeys else f"rod {place}")
+    for rod, ends in enumerate(topology.rods):
+        if rod in storeys:
+            places.append(_part("storey", home, storeys[rod]))
+        elif home and not isinstance(ends, WeightedMasses):
+            low, high = sorted(ends)
+            places.append(f"rod {link_place(home[high], home.get(low))}")
+        else:
+            places.append(f"rod {rod + 1}")
     return tuple(places)
 
 
@@ -58,14 +63,26 @@ def link_places(topology: Topology) -> tuple[str, ...]:
     Of the two faces of a link the right one is where its left end touches as it moves to the right.
     """
     home, places = homes(topology), []
-    for low, high in map(sorted, topology.links):
-        ends = f"mass {high + 1}–ground" if low == GROUND else f"masses {low + 1}–{high + 1}"
-        places.append(link_place(home[high], home.get(low)) if home else ends)
+    for ends in topology.links:
+        if isinstance(ends, WeightedMasses):
+            numbers = ", ".join(str(mass + 1) for mass in ends.masses)
+            places.append(f"mass{'es' * (len(ends.masses) > 1)} {numbers}")
+            continue
+        low, high = sorted(ends)
+        words = f"mass {high + 1}–ground" if low == GROUND else f"masses {low + 1}–{high + 1}"
+        places.append(link_place(home[high], home.get(low)) if home else words)
     for pair in faces(topology).items():
         for k in pair:
-            i, j = topology.links[k]
-            places[k] += ", right" if j == GROUND or GROUND < i < j else ", left"
+            places[k] += ", right" if _is_right(topology.links[k]) else ", left"
     return tuple(places)
+
+
+def _is_right(ends: AnyEnds) -> bool:
+    """Whether a link is the right face of a link of two faces."""
+    if isinstance(ends, WeightedMasses):
+        return ends.side > 0
+    i, j = ends
+    return j == GROUND or GROUND < i < j
 
 
 def link_place(end: Ends, other: Ends | None) -> str:

@@ -29,7 +29,7 @@ from jaxpound.model.system import (
     require_face,
     without_dampers,
 )
-from jaxpound.model.topology import GROUND, Ends, Topology, faces, ring
+from jaxpound.model.topology import GROUND, Ends, Topology, faces, masses_of, ring
 from jaxpound.model.vibration import first_frequency
 
 BETWEEN = ("friction", "gap", "contact", "damper", "velocity_friction", "inerter")
@@ -296,7 +296,7 @@ def checked_floors(topology: Topology | None, gaps: Sequence[Any]) -> str:
     joined: dict[tuple[int, ...], set[Ends]] = {}
     for ends, gap in zip(topology.links if home and topology else (), gaps, strict=False):
         if np.any(np.isfinite(np.asarray(gap, float))):
-            floors = {home[end] for end in ends if end != GROUND}
+            floors = {home[mass] for mass in masses_of(ends)}
             pair = tuple(sorted({building for building, _ in floors}))
             (joined.setdefault(pair, set()) if len(pair) > 1 else walls).update(floors)
     lower = {pair: min(pair, key=sizes.__getitem__) for pair in joined}

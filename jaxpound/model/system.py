@@ -2,7 +2,8 @@
 
 Masses move along one line. A rod joins a mass to the ground or to another mass; a link, with dry
 friction, a gap and a contact law, joins two neighbours, or a mass and the ground. Two adjacent
-blocks, buildings of many storeys and sliding isolators are all a ``System``.
+blocks, buildings of many storeys and sliding isolators are all a ``System``. A "mass" may also be
+the inertia of a rotation, which rods and links join with weights: footings that rock.
 """
 
 from __future__ import annotations
@@ -17,14 +18,25 @@ from typing import Any, Protocol, runtime_checkable
 import jax
 import numpy as np
 
-from jaxpound._checks import Rule, finite, instead, is_traced, is_whole, real
+from jaxpound._checks import Rule, finite, instead, is_traced, is_whole, number, real
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import Inerter, PowerLaw, VelocityFriction
+from jaxpound.model.ends import weighted
 from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
 from jaxpound.model.rod import ZenerRod
-from jaxpound.model.topology import GROUND, Ends, Topology, faces, joined_ends, ring
+from jaxpound.model.topology import (
+    GROUND,
+    AnyEnds,
+    Ends,
+    Topology,
+    WeightedMasses,
+    faces,
+    joined_ends,
+    masses_of,
+    ring,
+)
 
 
 @pytree_dataclass
@@ -42,16 +54,19 @@ class Rod:
     ends
         Two masses i and j by number, from 0, or ``GROUND``. The rod is stretched by x_i − x_j, and
         by x_i if j is the ground; its force f pulls i back and j along. Rods of ``Storeys`` may
-        leave them out, since they follow from the storey.
+        leave them out, since they follow from the storey. Or any masses with their weights,
+        ((mass, weight), …): the rod is stretched by Σ weight × x, and its force puts −weight × f on
+        each mass. Weights are numbers that can be traced; they are then in ``weights``.
     """
 
     material: Any = part(ZenerRod, YieldingZener, PowerLaw, HysteresisLaw, traced=True)
     stiffness: Any = parameter("K", words="stiffness", above=0)
-    ends: Ends | None = static(default=None)
+    ends: AnyEnds | None = static(default=None)
+    weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
 
     def __post_init__(self) -> None:
         if self.ends is not None:
-            object.__setattr__(self, "ends", _two_ends("Rod", self.ends))
+            _set_ends(self)
         check(self)
 
 
@@ -63,7 +78,8 @@ class Link:
     ----------
     ends
         Mass i on the left and another, j, by number from 0; one may be ``GROUND``: a sliding
-        bearing. Its closing is s = x_i − x_j, and the current gap is ``gap`` − s.
+        bearing. Its closing is s = x_i − x_j, and the current gap is ``gap`` − s. Or any masses
+        with weights, as those of a ``Rod``: its closing is s = Σ weight × x.
     friction
         Slip force μ ≥ 0, in units of m1 g.
     gap
@@ -89,7 +105,7 @@ class Link:
     are by face, such as ``min_gap_1`` and ``min_gap_2``; ``min_gap`` is of both.
     """
 
-    ends: Ends = static()
+    ends: AnyEnds = static()
     friction: Any = parameter(r"\mu", "force", "friction", least=0, default=0.0)
     gap: Any = parameter(r"\xi_0", "length", "gap at rest", least=0, finite=False, default=np.inf)
     contact: ContactLaw | Newton | None = part(
@@ -98,14 +114,18 @@ class Link:
     damper: Rod | None = part(Rod, NoneType, default=None)
     velocity_friction: VelocityFriction | None = part(VelocityFriction, NoneType, default=None)
     inerter: Inerter | None = part(Inerter, NoneType, default=None)
+    weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "ends", _two_ends("Link", self.ends))
+        _set_ends(self)
         check_link(self, "Link")
 
     def faces(self) -> tuple[Link, ...]:
         """The link itself; of a link of two faces the right face and the left face."""
-        return faces_of(self, ends=self.ends[::-1])
+        if not isinstance(self.ends, WeightedMasses):
+            return faces_of(self, ends=self.ends[::-1])
+        opposite = self.ends._replace(side=-self.ends.side)
+        return faces_of(self, ends=opposite, weights=tuple(-w for w in self.weights))
 
     def more_rules(self, prefix: str) -> list[Rule]:
         """A gap that can close is finite."""
@@ -168,13 +188,14 @@ def gravity_of(structures: Any) -> Any:
 class System:
     """Masses on rods, with links between them; dimensionless, at rest at t = 0.
 
-    The equations of motion are M x'' = −Bᵀ f − Cᵀ (q + p) − M 1 u'', with the rods' forces f, the
-    links' friction q and contact force p, and the ground acceleration u''; displacements x are
-    relative to the ground. Rods are stretched by B x, and gaps of links close by C x. Inerters add
-    Cᵀ b C x'' on the left.
+    The equations of motion are M x'' = −Bᵀ f − Cᵀ (q + p) − M ι u'', with the rods' forces f, the
+    links' friction q and contact force p, and the ground acceleration u'', of which each mass has
+    its share ι; displacements x are relative to the ground. Rods are stretched by B x, and gaps of
+    links close by C x. Inerters add Cᵀ b C x'' on the left.
 
     Raises ``ValueError`` if an end names no mass, a mass has no path of rods to the ground, or
-    links close a ring.
+    links close a ring; with weights, if rods leave a motion of the masses free, or the closing of a
+    link follows from those of other links.
 
     Parameters
     ----------
@@ -188,6 +209,9 @@ class System:
         other face it is; ``gap=(left, right)`` of a ``Link`` makes both. Their dampers become rods.
     tuned
         The masses that are tuned masses, by number: no floors of a building, but what stands on it.
+    influence
+        The share ι of the ground's motion that each mass has, known numbers; by default 1. The
+        inertia of a rotation is a mass of influence 0, whose displacement is the angle.
 
     Examples
     --------
@@ -201,15 +225,24 @@ class System:
     >>> demand = jp.demand(system, jp.paper.ground(), jp.TimeGrid.until(20.0, dt=0.05))
     >>> demand.links[0].min_gap.shape, len(demand.masses)
     ((), 3)
+
+    A storey of height 3 on a footing that sways and rocks; masses are floor, footing and rotation:
+
+    >>> storey = jp.Rod(steel, 1.0, ends=((0, 1.0), (1, -1.0), (2, -3.0)))
+    >>> sway, rocking = jp.Rod(steel, 4.0, (1, jp.GROUND)), jp.Rod(steel, 40.0, (2, jp.GROUND))
+    >>> system = jp.System((1.0, 0.5, 0.3), [storey, sway, rocking], influence=(1, 1, 0))
+    >>> jp.modes(system).frequencies.round(3).tolist()
+    [0.827, 3.202, 13.465]
     """
 
     masses: tuple[Any, ...] = parameter("m", "mass", "mass", above=0, each=True)
     rods: tuple[Rod, ...] = part(Rod, each=True)
     links: tuple[Link, ...] = part(Link, each=True, default=())
     tuned: tuple[int, ...] = static(default=(), listed=bool)
+    influence: tuple[float, ...] = static(default=(), listed=bool)
 
     def __post_init__(self) -> None:
-        for name in ("masses", "rods", "links"):
+        for name in ("masses", "rods", "links", "influence"):
             object.__setattr__(self, name, as_tuple("System", name, getattr(self, name)))
         links = [link.faces() if isinstance(link, Link) else (link,) for link in self.links]
         kept, dampers = without_dampers(itertools.chain(*links))
@@ -223,21 +256,19 @@ class System:
         topology, n = self.topology, len(self.masses)
         if not n:
             raise InvalidInput("System", "masses", "()", "must hold at least one mass")
-        for name, ends_of_all in (("rods", topology.rods), ("links", topology.links)):
-            for k, ends in enumerate(ends_of_all):
-                if max(ends) >= n:
+        for name in ("rods", "links"):
+            for k, element in enumerate(getattr(self, name)):
+                if max(masses_of(element.ends)) >= n:
                     rule = f"must name masses from 0 to {n - 1}, or GROUND (-1)"
-                    raise InvalidInput("System", f"{name}.{k}.ends", str(ends), rule)
-        group, _ = joined_ends(n, topology.rods)
-        for mass in range(n):
-            if group[mass] != group[GROUND]:
-                rule = "must be tied to the ground by rods, directly or through other masses"
-                raise InvalidInput("System", f"masses.{mass}", "", rule)
-        if (closing := ring(topology)) is not None:
-            ends, rule = topology.links[closing], "must not close a ring with the links before it"
-            if any({*ends} == {*before} for before in topology.links[:closing]):
-                rule = ONE_LINK
-            raise InvalidInput("System", f"links.{closing}.ends", str(ends), rule)
+                    raise InvalidInput("System", f"{name}.{k}.ends", _written(element), rule)
+        for k, ends in enumerate(topology.links):
+            if isinstance(ends, WeightedMasses) and ends.side < 0:
+                before = topology.links[k - 1 : k]
+                if before != (WeightedMasses(ends.masses),):
+                    rule = "must be behind the right face of the same link"
+                    raise InvalidInput("System", f"links.{k}, a left face,", "", rule)
+        object.__setattr__(self, "influence", _shares(self.influence, n))
+        _require_held(self)
         for k in faces(topology):
             require_face("System", f"links.{k}.", self.links[k])
 
@@ -251,6 +282,11 @@ class System:
         rods = tuple(rod.ends for rod in self.rods if rod.ends is not None)
         return Topology(len(self.masses), rods, tuple(link.ends for link in self.links), self.tuned)
 
+    @property
+    def influences(self) -> tuple[float, ...]:
+        """The share of the ground's motion that each mass has, also where all have it."""
+        return self.influence or (1.0,) * len(self.masses)
+
 
 def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:
     """A sequence as a tuple; an ``InvalidInput`` for anything else."""
@@ -258,6 +294,36 @@ def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:
         rule = f"must be a tuple{instead(value, 'tuple')}"
         raise InvalidInput(owner, name, reprlib.repr(value), rule)
     return tuple(value)
+
+
+def _set_ends(element: Rod | Link) -> None:
+    """Set two ends, masses or ``GROUND``; or masses and, apart from them, their weights."""
+    owner, ends, weights = type(element).__name__, element.ends, element.weights
+    if isinstance(ends, WeightedMasses):  # those of an element that has been made before
+        return
+    if weights:
+        rule = "must be left out: ends of masses with weights, ((mass, weight), …), have them"
+        raise InvalidInput(owner, "weights", reprlib.repr(weights), rule)
+    if isinstance(ends, Sequence) and all(isinstance(end, Sequence) for end in ends):
+        masses, weights = _weighted_ends(owner, ends)
+        object.__setattr__(element, "ends", WeightedMasses(masses))
+        object.__setattr__(element, "weights", weights)
+    else:
+        object.__setattr__(element, "ends", _two_ends(owner, ends))
+
+
+def _written(element: Rod | Link) -> str:
+    """The ends of an element as they are written."""
+    return str(element.ends if not element.weights else weighted(element))
+
+
+def _weighted_ends(owner: str, value: Sequence[Any]) -> tuple[tuple[int, ...], tuple[Any, ...]]:
+    """Masses and their weights of ends ((mass, weight), …)."""
+    masses = [end[0] for end in value if len(end) == 2 and is_whole(end[0]) and end[0] >= 0]
+    if not value or len(set(masses)) < len(value):
+        rule = "must be ((mass, weight), …), of different masses by number, from 0"
+        raise InvalidInput(owner, "ends", reprlib.repr(value), f"{rule}; the ground has no weight")
+    return tuple(map(int, masses)), tuple(weight for _, weight in value)
 
 
 def _two_ends(owner: str, value: Any) -> Ends:
@@ -269,8 +335,70 @@ def _two_ends(owner: str, value: Any) -> Ends:
         valid = False
     if not valid or i == j:
         rule = "must be two different masses by number, from 0, of which one may be GROUND"
-        raise InvalidInput(owner, "ends", repr(value), rule)
+        raise InvalidInput(owner, "ends", repr(value), f"{rule}, or ((mass, weight), …)")
     return int(i), int(j)
+
+
+def _shares(influence: tuple[Any, ...], n: int) -> tuple[float, ...]:
+    """The shares of the ground's motion of n masses, () where each mass has all of it."""
+    if len(influence) not in (0, n):
+        rule = f"must be one number for each of {n} masses"
+        raise InvalidInput("System", f"influence of {len(influence)} numbers", "", rule)
+    for mass, share in enumerate(influence):
+        if is_traced(share) or not finite(number("System", f"influence.{mass}", share)):
+            rule = "must be a finite number that is known, not traced"
+            raise InvalidInput("System", f"influence.{mass}", str(share), rule)
+    shares = tuple(map(float, influence))
+    return () if set(shares) == {1.0} else shares
+
+
+def _require_held(system: System) -> None:
+    """An ``InvalidInput`` if rods leave a motion of the masses free, or closings are dependent.
+
+    With weights it depends on numbers, which traced ones may not tell.
+    """
+    topology, n = system.topology, len(system.masses)
+    if any(isinstance(ends, WeightedMasses) for ends in topology.rods):
+        if (rows := _rows(system.rods, n)) is not None and (_rank(rows) < n).any():
+            rule = "must hold all masses: in some motion of them no rod is stretched"
+            raise InvalidInput("System", "rods", "", rule)
+    else:
+        group, _ = joined_ends(n, topology.rods)
+        for mass in range(n):
+            if group[mass] != group[GROUND]:
+                rule = "must be tied to the ground by rods, directly or through other masses"
+                raise InvalidInput("System", f"masses.{mass}", "", rule)
+    if (closing := ring(topology)) is not None:
+        ends, rule = topology.links[closing], "must not close a ring with the links before it"
+        if any({*ends} == {*before} for before in topology.links[:closing]):
+            rule = ONE_LINK
+        raise InvalidInput("System", f"links.{closing}.ends", str(ends), rule)
+    joints = [k for k in range(len(system.links)) if k not in faces(topology)]
+    if any(isinstance(topology.links[k], WeightedMasses) for k in joints):
+        if (rows := _rows([system.links[k] for k in joints], n)) is None:
+            return
+        for number, k in enumerate(joints, 1):
+            if (_rank(rows[..., :number, :]) < number).any():
+                rule = "must have a closing that does not follow from those of the links before it"
+                raise InvalidInput("System", f"links.{k}.ends", _written(system.links[k]), rule)
+
+
+def _rows(elements: Sequence[Rod | Link], n: int) -> np.ndarray | None:
+    """The weights of n masses in the elongation of each element; None if some are traced."""
+    if is_traced([element.weights for element in elements]):
+        return None
+    unit_motions = np.eye(n)
+    rows = [
+        sum(np.asarray(weight)[..., None] * unit_motions[mass] for mass, weight in weighted(x))
+        for x in elements
+    ]
+    return np.stack(np.broadcast_arrays(*rows), -2)
+
+
+def _rank(rows: np.ndarray) -> np.ndarray:
+    """The rank of rows of any size, by batch."""
+    sizes = np.abs(rows).max(-1, keepdims=True)
+    return np.linalg.matrix_rank(rows / np.where(sizes > 0, sizes, 1.0))
 
 
 def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, ...]]:
@@ -281,7 +409,8 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
             if damper.ends not in (None, link.ends):
                 rule = f"must be left out, or those of the link, {link.ends}"
                 raise InvalidInput("Link", "damper.ends", str(damper.ends), rule)
-            rods.append(unchecked(Rod, **{**vars(damper), "ends": link.ends}))
+            ends = {"ends": link.ends, "weights": getattr(link, "weights", ())}
+            rods.append(unchecked(Rod, **{**vars(damper), **ends}))
             link = replace(link, damper=None)
         kept.append(link)
     return tuple(kept), tuple(rods)

@@ -4,22 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from jaxpound._errors import InvalidInput
 
 GROUND = -1
 """The ground, as an end of a rod or of a link."""
 
+
 Ends = tuple[int, int]
+
+
+class WeightedMasses(NamedTuple):
+    """Masses that a rod or a link joins with weights, which it holds itself.
+
+    The other face of a link of two faces has the side −1: its closing is the negative one.
+    """
+
+    masses: tuple[int, ...]
+    side: int = 1
+
+
+AnyEnds = Ends | WeightedMasses
+
+
+def masses_of(ends: AnyEnds) -> tuple[int, ...]:
+    """The masses at the ends of a rod or a link, without the ground."""
+    if isinstance(ends, WeightedMasses):
+        return ends.masses
+    return tuple(end for end in ends if end != GROUND)
 
 
 class Topology(NamedTuple):
     """Number of masses, and the ends of rods and links: static, it shapes the compiled program."""
 
     n_masses: int
-    rods: tuple[Ends, ...]
-    links: tuple[Ends, ...]
+    rods: tuple[AnyEnds, ...]
+    links: tuple[AnyEnds, ...]
     tuned: tuple[int, ...] = ()
     """Tuned masses, which stand on a building and are no floors."""
 
@@ -29,14 +50,23 @@ class Topology(NamedTuple):
         return [mass for mass in range(self.n_masses) if mass not in self.tuned]
 
     @property
-    def observed_ends(self) -> list[Ends]:
-        """The ends of displacements that are observed: of the masses, then those of other rods."""
-        return [*dict.fromkeys([*((i, GROUND) for i in range(self.n_masses)), *self.rods])]
+    def elongations(self) -> tuple[int, ...]:
+        """By rod the number of its elongation among displacements, those of the masses first.
+
+        Rods with the same ends have the same one, and those of a mass on the ground its own.
+        """
+        numbers: dict[Any, int] = {(mass, GROUND): mass for mass in range(self.n_masses)}
+        keys = [k if isinstance(ends, WeightedMasses) else ends for k, ends in enumerate(self.rods)]
+        return tuple(numbers.setdefault(key, len(numbers)) for key in keys)
 
 
 def ring(topology: Topology) -> int | None:
-    """The first link that closes a ring with the links before it; None if none does."""
-    links = [k for k in range(len(topology.links)) if k not in faces(topology)]
+    """The first link that closes a ring with the links before it; None if none does.
+
+    Links with weights are left out: whether they do is a question of their weights.
+    """
+    no_faces = (k for k in range(len(topology.links)) if k not in faces(topology))
+    links = [k for k in no_faces if not isinstance(topology.links[k], WeightedMasses)]
     _, tree = joined_ends(topology.n_masses, [topology.links[k] for k in links])
     return next((k for n, k in enumerate(links) if n not in tree), None)
 
@@ -46,23 +76,26 @@ def faces(topology: Topology) -> dict[int, int]:
     """The links that are the other face of a link before them, and of which."""
     first, opposite = dict[Ends, int](), dict[int, int]()
     for k, ends in enumerate(topology.links):
-        if (link := first.get(ends[::-1])) is not None and link not in opposite.values():
+        if isinstance(ends, WeightedMasses):
+            if ends.side < 0:
+                opposite[k] = k - 1
+        elif (link := first.get(ends[::-1])) is not None and link not in opposite.values():
             opposite[k] = link
         else:
             first.setdefault(ends, k)
     return opposite
 
 
-def is_storey(ends: Ends) -> bool:
-    """Whether a rod, or a link, is between two masses."""
-    return GROUND not in ends
+def is_storey(ends: AnyEnds) -> bool:
+    """Whether a rod, or a link, is between masses."""
+    return isinstance(ends, WeightedMasses) or GROUND not in ends
 
 
 @cache
 def storey_rods(topology: Topology) -> tuple[int, ...]:
     """Rods that are storeys: not of tuned masses, nor of masses that rods before tie to ground."""
     _, tree = joined_ends(topology.n_masses, topology.rods)
-    return tuple(r for r in tree if not {*topology.rods[r]} & {*topology.tuned})
+    return tuple(r for r in tree if not {*masses_of(topology.rods[r])} & {*topology.tuned})
 
 
 @cache
@@ -80,9 +113,9 @@ def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     """
     beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
     for rod in joined_ends(topology.n_masses, topology.rods)[1]:
-        i, j = topology.rods[rod]
-        beside[i].append((j, rod))
-        beside[j].append((i, rod))
+        if not isinstance(ends := topology.rods[rod], WeightedMasses):
+            for end, other in (ends, ends[::-1]):
+                beside[end].append((other, rod))
     buildings = []
     for first in beside[GROUND]:
         building, below = [first], GROUND
@@ -107,15 +140,17 @@ def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
     return [tuple(masses) for first, masses in members.items() if first != GROUND]
 
 
-def joined_ends(n: int, edges: Iterable[Ends]) -> tuple[dict[int, int], list[int]]:
+def joined_ends(n: int, edges: Iterable[AnyEnds]) -> tuple[dict[int, int], list[int]]:
     """The smallest member of the group of each mass, and of the ground, that edges make.
 
-    And the edges, by number, that close no ring with those before them.
+    And the edges, by number, that close no ring with those before them; with weights, those that
+    join groups.
     """
     group, tree = {end: end for end in range(GROUND, n)}, list[int]()
-    for k, (i, j) in enumerate(edges):
-        low, high = sorted((group[i], group[j]))
-        if low != high:
-            group = {end: low if member == high else member for end, member in group.items()}
+    for k, ends in enumerate(edges):
+        joined = {group[end] for end in (ends.masses if isinstance(ends, WeightedMasses) else ends)}
+        if len(joined) > 1:
+            low = min(joined)
+            group = {end: low if member in joined else member for end, member in group.items()}
             tree.append(k)
     return group, tree

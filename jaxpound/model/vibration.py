@@ -52,9 +52,9 @@ class Modes(Shown):
     eigenvalues: np.ndarray
     """s of each mode, Im s > 0, shape (n,); NaN of one that is damped about critically or more."""
     participation: np.ndarray
-    """Effective modal mass over the whole mass, shape (n,), of the undamped mode that becomes mode
-    j as damping grows; its rods have their storage moduli at the first natural frequency. They add
-    up to 1, but for the inertia that inerters lead to the ground."""
+    """Effective modal mass over Σ ι² m, the mass that the ground moves, shape (n,), of the undamped
+    mode that becomes mode j as damping grows; its rods have their storage moduli at the first
+    natural frequency. They add up to 1, but for the inertia that inerters lead to the ground."""
     si: bool = False
     """Whether frequencies are in rad/s, not in ω1."""
 
@@ -102,7 +102,8 @@ def modes(structures: Structures) -> Modes:
     eigenvalues = linear.free(vectors, 1j * np.sqrt(squares))
     vibrations = [linear.vibration(j, eigenvalues) for j in range(linear.n)]
     frequencies, damping, shapes = (np.array(x) for x in zip(*vibrations, strict=True))
-    shares = (linear.masses @ linear.unscaled(vectors)) ** 2 / linear.masses.sum()
+    driven = linear.masses * structures.system().influences
+    shares = (driven @ linear.unscaled(vectors)) ** 2 / (driven @ structures.system().influences)
     order = np.argsort(frequencies, kind="stable")
     largest = shapes[np.arange(linear.n), np.abs(shapes).argmax(1)]
     return Modes(
@@ -140,12 +141,12 @@ class _Linear:
         inertia = np.diag(self.masses)
         for link in system.links:
             if link.inerter is not None:
-                influence = elongation(link.ends, unit_motions)
+                influence = elongation(link, unit_motions)
                 inertia += float(link.inerter.inertance) * np.outer(influence, influence)
         self._root = np.linalg.cholesky(inertia)
         self._rods: list[tuple[Any, Any]] = []
-        for ends, rod in zip(system.topology.rods, system.rods, strict=True):
-            influence = np.linalg.solve(self._root, elongation(ends, unit_motions))
+        for rod in system.rods:
+            influence = np.linalg.solve(self._root, elongation(rod, unit_motions))
             k, law = float(rod.stiffness), rod.material
             if isinstance(law, PowerLaw):
                 c = float(law.force / law.velocity) if law.exponent == 1 else 0.0  # if linear

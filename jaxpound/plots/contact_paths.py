@@ -93,22 +93,24 @@ def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
         unchecked(
             Link,
             ends=link.ends,
+            weights=link.weights,
             friction=jnp.asarray(link.slip_force - getattr(link.velocity_friction, "increase", 0)),
-            gap=jnp.asarray(link.gap[0] + elongation(link.ends, x)[0]),
+            gap=jnp.asarray(link.gap[0] + elongation(link, x)[0]),
             contact=link.law,
             velocity_friction=link.velocity_friction,
             inerter=None if link.inertance is None else Inerter(link.inertance),
         )
         for link in response.links
     )
-    rods = [weighted(rod.ends) for rod in response.rods]
+    influence = [mass.influence for mass in response.masses]
+    rods = [weighted(rod) for rod in response.rods]
     system = unchecked(System, masses=masses, rods=(), links=links, tuned=())
     forces = [rod.force for rod in response.rods]
     free = [load_on(number, rods, forces) / mass for number, mass in enumerate(masses)]
     steps: dict[tuple[int, int], np.ndarray] = {}
     for group in groups(joints(system)):
         if any(links[face.link].contact for joint in group for face in joint.faces):
-            (kind,) = all_coupled([group], system, masses, (1.0,) * len(masses))
+            (kind,) = all_coupled([group], system, masses, influence)
             pulls = jax.vmap(kind.pull)(free, response.ground_acceleration)
             closings = jnp.stack([along(joint.ends, x) for joint in group], -1)
             for m, points in _flows(response, kind, closings, pulls):

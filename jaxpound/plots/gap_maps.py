@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from jaxpound._checks import positive_number
 from jaxpound.model.places import homes, link_places
-from jaxpound.model.topology import GROUND
+from jaxpound.model.topology import GROUND, WeightedMasses
 from jaxpound.plots import curves
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes
@@ -55,10 +55,12 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     def place(k: int) -> tuple[int, int, int]:
         """The buildings that a link is between, and its floor from the top of the map on."""
         ends = response.links[k].ends
+        assert not isinstance(ends, WeightedMasses)
         (a, i), (b, _) = (home[end] for end in (ends if ends[0] != GROUND else ends[::-1]))
         return a, b, -i
 
-    order = sorted(links, key=place) if len(home) > 1 else links  # else there are no buildings
+    has_buildings = len(home) > 1 and not any(response.links[k].weights for k in links)
+    order = sorted(links, key=place) if has_buildings else links
     gaps = np.array([np.asarray(response.links[k].gap) for k in order])
     for row, k in zip(gaps, order, strict=True):
         touching = response.links[k].touching
@@ -79,7 +81,7 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     ax.set_yticks(range(len(order)), [places[k] for k in order])
     ax.tick_params(axis="y", length=0)
     for row in range(1, len(order)):
-        apart = len(home) > 1 and place(order[row])[:2] != place(order[row - 1])[:2]
+        apart = has_buildings and place(order[row])[:2] != place(order[row - 1])[:2]
         ax.axhline(row - 0.5, color="white", linewidth=2.4 if apart else 0.6)
     figure: Any = ax.figure
     bar = figure.colorbar(shown, ax=ax, pad=0.02, aspect=12, extend="min")

@@ -17,9 +17,10 @@ from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.system import Link, Rod, Structures
-from jaxpound.model.topology import GROUND, Topology, floors, stacks
+from jaxpound.model.topology import GROUND, Ends, Topology, WeightedMasses, floors, stacks
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
+from jaxpound.results.response import LinkResponse
 from jaxpound.units import Scales, scales_for
 
 Lines = list[tuple[str, str]]  # words and their colours
@@ -77,8 +78,10 @@ def row(
     buildings = stacks(system.topology)
     heights = stack_heights("row", system.topology, elevations)
     building_of = {mass: b for b, building in enumerate(buildings) for mass, _ in building}
-    linked = [{building_of.get(end) for end in link.ends} for link in system.links]
-    walls = {(building_of[max(x.ends)], x.ends[1] == GROUND) for x in system.links if _has_wall(x)}
+    ends_of_links = [two_ends("row", link) for link in system.links]
+    linked = [{building_of.get(end) for end in pair} for pair in ends_of_links]
+    with_ends = zip(system.links, ends_of_links, strict=True)
+    walls = {(building_of[max(x)], x[1] == GROUND) for link, x in with_ends if _has_wall(link)}
     space = [[_LINKED * ((b, x) in walls) for x in (False, True)] for b in range(len(buildings))]
     lefts = [0.0]
     for b in range(1, len(buildings)):
@@ -99,7 +102,7 @@ def row(
     for (x, _), homes, lines in zip(links, linked, numbers, strict=True):
         if len(homes) == 1 or (None in homes and not _has_wall(x)):
             by_line = [(line, colour) for text, colour in lines for line in text.split("\n")]
-            inside.setdefault(max(x.ends), []).extend(by_line)
+            inside.setdefault(max(two_ends("row", x)), []).extend(by_line)
     extra = [*map(len, inside.values()), *(text.count("\n") for x in numbers for text, _ in x)]
     storey_inches = _STOREY + _LINE * max(extra, default=0)
     if ax is None:
@@ -125,6 +128,14 @@ def row(
         _link(ax, *link, places, slab, lines)
     _finish(ax, links, elevations is not None)
     return ax
+
+
+def two_ends(owner: str, link: Link | LinkResponse) -> Ends:
+    """The ends of a link that is drawn between them; an ``InvalidInput`` for one with weights."""
+    if isinstance(link.ends, WeightedMasses):
+        rule = "must be between two floors or the ground: masses with weights are not drawn"
+        raise InvalidInput(owner, "links", "", rule)
+    return link.ends
 
 
 def _has_wall(link: Link) -> bool:
@@ -229,11 +240,12 @@ def _link(
     ax: Axes, link: Link, damper: Damper, places: Mapping[int, Place], slab: float, numbers: Lines
 ) -> None:
     """What is between two floors: a line from the one to the other, and its numbers."""
-    j, i = sorted(link.ends)  # the ground comes first
+    pair = two_ends("row", link)
+    j, i = sorted(pair)  # the ground comes first
     start, up, foot = places[i]
     second = (start, foot, foot) if j == GROUND else places[j]
     if _has_wall(link):  # to the right where the gap closes as the floor moves to the right
-        side = 1 if link.ends[0] == i else -1
+        side = 1 if pair[0] == i else -1
         second = start + side * (_WIDTH + _LINKED), up, foot
         face = second[0] + (side < 0) * (_WIDTH - _WALL)
         ax.add_patch(Rectangle((face, foot), _WALL, up + slab / 2 - foot, **_HATCH))

@@ -228,7 +228,7 @@ def _loops(kind: str, response: Response) -> Loops:
         by_link = {k: curve for k, (curve, _) in contacts.items()}
         return Loops(owner, "links", depths, by_link, r"penetration $\delta$", "contact force $p$")
     by_link, x = curves.frictions(owner, response), [y.x for y in response.masses]
-    slips = [elongation(link.ends, x) for link in response.links]
+    slips = [elongation(link, x) for link in response.links]
     across = "slip $x_1 - x_2$" if is_pair(response) else "slip $x_i - x_j$"
     return Loops(owner, "links", slips, by_link, across, "friction force $q$")
 

@@ -82,7 +82,7 @@ def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]
             for k in elements("links", m)
             if is_closable(links[k].gap) and not (by_impacts and links[k].contact is None)
         )
-    drifts = [elongation(ends, [*displacements]) for ends in topology.rods]
+    drifts = [elongation(rod, [*displacements]) for rod in system.rods]
     factors: dict[str, tuple[str, str, tuple[str, ...], Any, str]] = {
         "peak_drift": ("drift", "rods", rods, drifts, "length"),
         "peak_x": ("displacement", "masses", masses, displacements, "length"),

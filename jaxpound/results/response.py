@@ -15,9 +15,9 @@ from jaxtyping import Array, Float
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.ends import elongation, load_on, weighted
+from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
 from jaxpound.model.places import link_places, mass_places, rod_places
-from jaxpound.model.topology import Ends, Topology
+from jaxpound.model.topology import AnyEnds, Topology
 from jaxpound.quantities import column, unit
 from jaxpound.results import elements
 from jaxpound.results.demand import Demand
@@ -38,6 +38,8 @@ class MassResponse:
     """Velocity x'."""
     mass: Any = quantity("mass", column="mass_{}")
     """The mass itself, a number, in units of m1 (in SI, kg)."""
+    influence: float = static(default=1.0)
+    """The share ι of the ground's motion that it has, a number."""
 
 
 @pytree_dataclass
@@ -46,10 +48,12 @@ class RodResponse:
 
     force: Any = quantity("force", column="f{}")
     """Force f of the rod: positive where it is stretched and pulls mass i back."""
-    ends: Ends = static()
-    """Masses i and j, or ``GROUND``; the rod is stretched by x_i − x_j."""
+    ends: AnyEnds = static()
+    """Masses i and j, or ``GROUND``; the rod is stretched by x_i − x_j. Or masses with weights."""
     dissipated: Any = quantity("energy", column="dissipated_{}", default=None)
     """Energy dissipated by yielding or a viscous damper until then; None for other rods."""
+    weights: tuple[Any, ...] = ()
+    """The weights of masses with weights, numbers; () between two ends."""
 
 
 @pytree_dataclass
@@ -66,8 +70,8 @@ class LinkResponse:
     """Direction of slip half a step after each instant: 1, −1, or 0 in stick."""
     change_time: Any = quantity("time", column="change_time")
     """Where ``phase`` differs from the entry before: the instant of the change."""
-    ends: Ends = static()
-    """Masses i and j, or ``GROUND``."""
+    ends: AnyEnds = static()
+    """Masses i and j, or ``GROUND``; or masses with weights, whose Σ weight × x closes the gap."""
     contact: Any = quantity("force", column="contact", default=None)
     """Contact force p at the instants. None, as all below, for a link without a law of contact."""
     touching: Any = quantity(None, column="touching", default=None)
@@ -92,6 +96,8 @@ class LinkResponse:
     """Force of the inerter, positive as the friction is. None for a link without one."""
     inertance: Any = quantity("mass", default=None)
     """Inertance, a number."""
+    weights: tuple[Any, ...] = ()
+    """The weights of masses with weights, numbers; () between two ends."""
 
     @property
     def has_damper(self) -> bool:
@@ -163,12 +169,12 @@ class Response(ByElement, Columnar, Shown):
 
     @property
     def absolute_accelerations(self) -> tuple[Any, ...]:
-        """Absolute acceleration x'' + u'' of each mass, in g (m/s² in SI): force over mass."""
-        forces, topology = [rod.force for rod in self.rods], self.topology
+        """Absolute acceleration x'' + ι u'' of each mass, in g (m/s² in SI): force over mass."""
+        forces = [rod.force for rod in self.rods]
         for link in self.links:
             more = (force for force in (link.contact, link.inertia) if force is not None)
             forces.append(sum(more, link.friction))
-        ends = [*map(weighted, topology.rods + topology.links)]
+        ends = [*map(_weighted, self.rods), *map(_weighted, self.links)]
         return tuple(
             load_on(i, ends, forces) / jnp.asarray(mass.mass)[..., None]
             for i, mass in enumerate(self.masses)
@@ -178,27 +184,29 @@ class Response(ByElement, Columnar, Shown):
     def elongations(self) -> tuple[Any, ...]:
         """Elongation of each rod; ``rods[r].force`` over it are the rod's loops of hysteresis."""
         x = [mass.x for mass in self.masses]
-        return tuple(elongation(rod.ends, x) for rod in self.rods)
+        return tuple(along(_weighted(rod), x) for rod in self.rods)
 
     @property
     def energy(self) -> Energy:
         """Energy balance over time."""
         x, v = [mass.x for mass in self.masses], [mass.v for mass in self.masses]
         masses = [jnp.asarray(mass.mass)[..., None] for mass in self.masses]
-        momentum = _means(_total(map(operator.mul, masses, v)))
+        driven = [m * mass.influence for m, mass in zip(masses, self.masses, strict=True)]
+        momentum = _means(_total(map(operator.mul, driven, v)))
         kinetic = _total(m * v_of_mass**2 for m, v_of_mass in zip(masses, v, strict=True)) / 2
         for link in self.links:
             if link.inertia is not None:
                 inertance = jnp.asarray(link.inertance)[..., None]
                 kinetic = kinetic + inertance * link.slip_velocity**2 / 2
-        steps = jnp.diff(self.time, axis=-1)
-        works = steps * _means(_total(r.force * elongation(r.ends, v) for r in self.rods))
+        steps, elongations = jnp.diff(self.time, axis=-1), self.elongations
+        works = steps * _means(_total(r.force * along(_weighted(r), v) for r in self.rods))
         if touching := [link.touching for link in self.links if link.touching is not None]:
-            of_motion = (_means(r.force) * jnp.diff(elongation(r.ends, x)) for r in self.rods)
+            pairs = zip(self.rods, elongations, strict=True)
+            of_motion = (_means(rod.force) * jnp.diff(elongation) for rod, elongation in pairs)
             met = _total(touching) > 0
             met = met[..., 1:] | met[..., :-1]
             works = jnp.where(met, _total(of_motion), works)
-            moved = jnp.diff(_total(map(operator.mul, masses, x)))
+            moved = jnp.diff(_total(map(operator.mul, driven, x)))
             momentum = jnp.where(met, moved / steps, momentum)  # which the ground's blows change
         rods = _summed(works)
         friction = stored = lost = 0 * rods
@@ -210,7 +218,8 @@ class Response(ByElement, Columnar, Shown):
                 stored, lost = stored + link.contact_stored, lost + link.contact_lost
         # Integrated over u', which includes what u'' does between the instants.
         supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * momentum)
-        at_start = _total(r.force[..., 0] * elongation(r.ends, x)[..., 0] for r in self.rods) / 2
+        pairs = zip(self.rods, elongations, strict=True)
+        at_start = _total(rod.force[..., 0] * y[..., 0] for rod, y in pairs) / 2
         rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start
         residual = rods + friction + kinetic + stored + lost - supplied - initial[..., None]
         yielding = sum((r.dissipated for r in self.rods if r.dissipated is not None), 0.0)
@@ -382,6 +391,13 @@ class Energy(NamedTuple):
         supplied = jnp.abs(self.input + jnp.asarray(self.initial)[..., None]).max(-1)
         share = jnp.abs(self.residual).max(-1) / jnp.where(supplied > 0, supplied, 1.0)
         return jnp.where(supplied > 0, share, 0.0)
+
+
+def _weighted(element: RodResponse | LinkResponse) -> WeightedEnds:
+    """Masses and weights of a rod or a link, those of a batch beside its series."""
+    if not element.weights:
+        return weighted(element)
+    return tuple((mass, jnp.asarray(weight)[..., None]) for mass, weight in weighted(element))
 
 
 def _means(series: Any) -> Any:

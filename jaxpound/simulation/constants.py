@@ -61,8 +61,8 @@ class StepConstants(NamedTuple):
 
         Masses displaced by x at the start relax the rods there.
         """
-        masses, influence = system.masses, (1.0,) * len(system.masses)
-        rod_ends = tuple(weighted(ends) for ends in system.topology.rods)
+        masses, influence = system.masses, system.influences
+        rod_ends = tuple(map(weighted, system.rods))
         rods = tuple(
             law_of(rod, dt, scheme.order, None if x is None else along(ends, x))
             for rod, ends in zip(system.rods, rod_ends, strict=True)

@@ -24,10 +24,11 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, require_ground
 from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen
 from jaxpound.ground.run_input import as_run
+from jaxpound.model.ends import weighted
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Link, Structures, System, gravity_of, is_closable
-from jaxpound.model.topology import GROUND, Topology
+from jaxpound.model.topology import Topology
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response
@@ -332,7 +333,7 @@ def implausible_links(
     findings, places = [], link_places(cast("Topology", demand.topology))
     for place, link, of_link in zip(places, links, demand.links, strict=True):
         if is_closable(link.gap):  # else no contact is meant
-            displacement = sum(demand.masses[end].peak_x for end in link.ends if end != GROUND)
+            displacement = sum(abs(w) * demand.masses[mass].peak_x for mass, w in weighted(link))
             gap, law = single_link_names or (f"link {place}: gap", f"link {place}")
             if gaps:
                 findings += far_apart(gap, link.gap, displacement, si=demand.si)

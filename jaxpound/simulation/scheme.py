@@ -16,12 +16,12 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.model.dampers import PowerLaw
-from jaxpound.model.ends import mobility, weighted
+from jaxpound.model.ends import WeightedEnds, mobility, weighted
 from jaxpound.model.hysteresis import before_yield, zener_of
 from jaxpound.model.joint import groups, joints
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import Ends, Topology, rod_groups, storey_rods
+from jaxpound.model.topology import Topology, rod_groups, storey_rods
 from jaxpound.simulation.joints.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.rods.zener import nyquist_stiffness
 from jaxpound.simulation.time.history import FullHistory, HistorySum, ModalHistory
@@ -283,7 +283,7 @@ def stiffest_rod(
 
 def _mobilities(system: System) -> list[Any]:
     """The relative acceleration of each rod's ends under a unit force in it."""
-    return [mobility(weighted(ends), system.masses) for ends in system.topology.rods]
+    return [mobility(weighted(rod), system.masses) for rod in system.rods]
 
 
 def _part(topology: Topology, rod: int) -> str:
@@ -317,9 +317,10 @@ def _scaled_matrices(system: System, stiffness: list[Any], xp: Any) -> list[tupl
     D are the masses, and M these with the inertances.
     """
     topology, matrices = system.topology, []
-    rods = list(zip(topology.rods, stiffness, strict=True))
-    inerters = [(link.ends, link.inerter.inertance) for link in system.links if link.inerter]
-    joined = topology._replace(rods=(*topology.rods, *(ends for ends, _ in inerters)))
+    rods = list(zip(map(weighted, system.rods), stiffness, strict=True))
+    links = [(link, link.inerter) for link in system.links if link.inerter]
+    inerters = [(weighted(link), inerter.inertance) for link, inerter in links]
+    joined = topology._replace(rods=(*topology.rods, *(link.ends for link, _ in links)))
     for masses in rod_groups(joined):
         stiff = _scaled(system, masses, rods, xp)
         inertia = _scaled(system, masses, inerters, xp)
@@ -327,13 +328,16 @@ def _scaled_matrices(system: System, stiffness: list[Any], xp: Any) -> list[tupl
     return matrices
 
 
-def _scaled(system: System, masses: tuple[int, ...], parts: list[tuple[Ends, Any]], xp: Any) -> Any:
+def _scaled(
+    system: System, masses: tuple[int, ...], parts: list[tuple[WeightedEnds, Any]], xp: Any
+) -> Any:
     """D^(−1/2) S D^(−1/2) with the matrix S of parts between ends, each with its number."""
-    own = [(ends, number) for ends, number in parts if {*ends} & {*masses}]
+    own = [(dict(ends), number) for ends, number in parts if {*dict(ends)} & {*masses}]
     if not own:
         return 0.0
     numbers = xp.stack(xp.broadcast_arrays(*[number for _, number in own]), -1)
     m = xp.stack(xp.broadcast_arrays(*[system.masses[i] for i in masses]), -1)
-    signs = [[(mass == i) - (mass == j) for (i, j), _ in own] for mass in masses]
-    root = np.array(signs, numbers.dtype) / xp.sqrt(m)[..., None]
+    weights = [ends.get(mass, 0.0) for mass in masses for ends, _ in own]
+    rows = xp.stack(xp.broadcast_arrays(*weights), -1).astype(numbers.dtype)
+    root = rows.reshape(*rows.shape[:-1], len(masses), len(own)) / xp.sqrt(m)[..., None]
     return (root * numbers[..., None, :]) @ xp.swapaxes(root, -1, -2)

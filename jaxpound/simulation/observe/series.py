@@ -76,7 +76,7 @@ def response_of(
 
     ``with_ground`` is by mass the share of the ground's motion that it has beside its joints'.
     """
-    topology, rest = system.topology, 0 * stored.forces[0]
+    rest = 0 * stored.forces[0]
     # The scan does not store series that follow from others; those of an invalid run are NaN.
     time = jnp.asarray(grid.times(), rest.dtype)
     motion = as_motion(ground).velocity_and_bulge(time, grid.dt)
@@ -89,8 +89,18 @@ def response_of(
         time=time + rest,
         ground_acceleration=jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest,
         ground_velocity=ground_velocity + rest,
-        masses=tuple(map(MassResponse, stored.x, v, [mass + rest[0] for mass in system.masses])),
-        rods=tuple(map(RodResponse, stored.forces, topology.rods, stored.dissipated)),
+        masses=tuple(
+            MassResponse(x, v, mass + rest[0], influence)
+            for x, v, mass, influence in zip(
+                stored.x, v, system.masses, system.influences, strict=True
+            )
+        ),
+        rods=tuple(
+            RodResponse(force, ends, dissipated, rod.weights)
+            for force, ends, dissipated, rod in zip(
+                stored.forces, system.topology.rods, stored.dissipated, system.rods, strict=True
+            )
+        ),
         links=tuple(
             _link_response(link, stored.links[k], stored.impacts[k], ends[k], time[-1] + rest[0])
             for k, link in enumerate(system.links)
@@ -107,7 +117,8 @@ def _link_response(
     """The series of a link, from the impacts that ended in each step and the last instant."""
     fast = link.velocity_friction
     slip_force = link.friction if fast is None else link.friction + fast.increase
-    entries = dict(series, slip_force=slip_force + 0 * last, velocity_friction=fast, ends=link.ends)
+    entries = dict(series, slip_force=slip_force + 0 * last, velocity_friction=fast)
+    entries |= {"ends": link.ends, "weights": link.weights}
     if link.inerter is not None:
         entries["inertance"] = link.inerter.inertance + 0 * last
     entries["gap"] = link.gap - entries.pop("closing")

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
+from jaxpound.model.ends import WeightedEnds, along, elongation, load_on
 from jaxpound.model.system import System
-from jaxpound.model.topology import GROUND, Ends, Topology, is_storey
+from jaxpound.model.topology import Topology, is_storey
 from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.constants import StepConstants
@@ -45,13 +45,13 @@ class _Observed(NamedTuple):
     last_forces: Sequence[jax.Array]  # of the rods, an instant before
     last_ground: jax.Array
 
-    def displacement(self, path: Ends) -> Sample:
-        """x_i − x_j, or x_i where j is the ground; impacts are kinks of the path."""
-        now, ends = self.now, weighted(path)
+    def displacement(self, ends: WeightedEnds) -> Sample:
+        """The displacement of a mass or elongation of a rod; impacts are kinks of the path."""
+        now = self.now
         position, speed = along(ends, now.x), along(ends, now.v)
         kinks, reached = list[jax.Array](), list[jax.Array]()
         for group in self.system.groups:
-            if not {*group.shares} & {*path}:
+            if not {*group.shares} & {*dict(ends)}:
                 continue
             links = [[link for link, _ in joint.faces] for joint in group.joints]
             tallied = (self.links[k].contact for of_joint in links for k in of_joint)
@@ -145,6 +145,14 @@ class _Observed(NamedTuple):
         return load_on(mass, ends, acting) / system.masses[mass]
 
 
+def paths(system: StepConstants, topology: Topology) -> list[WeightedEnds]:
+    """The displacements that are observed: of each mass, and elongations that differ from these."""
+    ends: dict[int, WeightedEnds] = {mass: ((mass, 1),) for mass in range(topology.n_masses)}
+    for number, rod_ends in zip(topology.elongations, system.rod_ends, strict=True):
+        ends.setdefault(number, rod_ends)
+    return [*ends.values()]
+
+
 def _first_yield(
     limit: jax.Array, first: jax.Array, before: Peak, peak: Peak, time: jax.Array, dt: float
 ) -> jax.Array:
@@ -182,7 +190,7 @@ class Tally(NamedTuple):
         ``soft`` adds the soft minimum of the gaps.
         """
         topology = system.topology
-        closings = [along(weighted(link.ends), state.x) for link in system.links]
+        closings = [elongation(link, state.x) for link in system.links]
         counter = jax.lax.stop_gradient(zero)  # numbers of instants have no derivatives
         softly = LogMeanExp(zero, zero, zero) if soft else None
         zeros = ContactTally(*(zero,) * len(ContactTally._fields))
@@ -206,7 +214,7 @@ class Tally(NamedTuple):
         peaks = partial(Peaks.start, zero, in_arrays=constants.plan.peaks_in_arrays)
         return Tally(
             ground=GroundPeaks(zero, zero, zero, zero),
-            displacements=peaks(len(topology.observed_ends)),
+            displacements=peaks(len(paths(constants, topology))),
             acceleration=peaks(topology.n_masses),
             forces=peaks(len(topology.rods)),
             first_yields=each(lambda _: zero + jnp.inf, constants.yield_displacements),
@@ -227,9 +235,8 @@ class Tally(NamedTuple):
         )
         last_forces = [force.last for force in self.forces.each()]
         instant = _Observed(now, system, smooth, links, last_forces, self.ground.last)
-        paths = topology.observed_ends
-        displacements = self.displacements.observe([*map(instant.displacement, paths)])
-        places = [paths.index(ends) for ends in topology.rods]
+        observed = paths(system, topology)
+        displacements = self.displacements.observe([*map(instant.displacement, observed)])
         before, after = self.displacements.each(), displacements.each()
         accelerations = [*map(instant.acceleration, range(topology.n_masses))]
         return Tally(
@@ -241,8 +248,8 @@ class Tally(NamedTuple):
                 partial(_first_yield, time=now.time, dt=dt),
                 system.yield_displacements,
                 self.first_yields,
-                (before[i] for i in places),
-                (after[i] for i in places),
+                (before[i] for i in topology.elongations),
+                (after[i] for i in topology.elongations),
             ),
             links=links,
         )
@@ -264,18 +271,18 @@ class Tally(NamedTuple):
             link.friction if set_valued and not link.velocity_friction else None
             for link in system.links
         ]
-        topology, rods = system.topology, system.topology.rods
-        paths = dict(zip(topology.observed_ends, self.displacements.each(), strict=True))
-        peaks = [paths[ends] for ends in rods]
+        topology, displacements = system.topology, self.displacements.each()
+        peaks = [displacements[i] for i in topology.elongations]
         scalars = [
             law.scalars(end, peak.largest, peak.last)
             for law, end, peak in zip(constants.rods, state.rods, peaks, strict=True)
         ]
-        drifts = [paths[ends].largest if is_storey(ends) else None for ends in rods]
+        storeys = zip(topology.rods, peaks, strict=True)
+        drifts = [peak.largest if is_storey(ends) else None for ends, peak in storeys]
         return Demand(
             masses=tuple(
-                MassDemand(peak_x=paths[mass, GROUND].largest, peak_acceleration=a.largest)
-                for mass, a in enumerate(self.acceleration.each())
+                MassDemand(peak_x=x.largest, peak_acceleration=a.largest)
+                for x, a in zip(displacements, self.acceleration.each(), strict=False)
             ),
             rods=tuple(
                 RodDemand(force.largest, drift, first_yield_time=first, **more)
