@@ -118,13 +118,21 @@ _LONGEST = 800  # characters of a dataclass's representation: about ten lines of
 
 
 def dataclass_repr(obj: Any) -> str:
-    """``__repr__`` of a dataclass; a long one leaves out entries of tuples and digits."""
+    """``__repr__`` of a dataclass, without tuples that are empty by default.
+
+    A long one leaves out entries of tuples and digits.
+    """
     text = _repr_by(_in_full, obj)
     return text if len(text) <= _LONGEST else _in_short(obj)
 
 
 def _repr_by(show: Callable[[Any], str], obj: Any) -> str:
-    values = (f"{field.name}={show(getattr(obj, field.name))}" for field in dataclasses.fields(obj))
+    fields = [(x, getattr(obj, x.name)) for x in dataclasses.fields(obj)]
+    values = (
+        f"{x.name}={show(y)}"
+        for x, y in fields
+        if not (isinstance(y, tuple) and not y and x.default == ())
+    )
     return f"{type(obj).__qualname__}({', '.join(values)})"
 
 

@@ -75,7 +75,7 @@ def row_response(row, time, displacement):
     v = [np.gradient(path, step) for path in x]
     links, of_links = [], []
     for link in system.links:
-        gap, w = link.gap - elongation(link.ends, x), elongation(link.ends, v)
+        gap, w = link.gap - elongation(link, x), elongation(link, v)
         of_contact, scalars = {}, {}
         if link.contact is not None:
             force, closed = np.maximum(-10 * gap, 0.0), gap <= 0
@@ -92,7 +92,7 @@ def row_response(row, time, displacement):
         least = gap.argmin()
         of_links.append(LinkDemand(gap[least], time[least], 1.0, 1.0, 0.0, **scalars))
     ends = [rod.ends for rod in system.rods]
-    forces = [5.0 * elongation(of_rod, x) for of_rod in ends]
+    forces = [5.0 * elongation(rod, x) for rod in system.rods]
     peaks = [np.abs(force).max() for force in forces]
     inner = [min(of_rod) >= 0 for of_rod in ends]
     drifts = [peak / 5.0 if inside else None for peak, inside in zip(peaks, inner, strict=True)]

@@ -113,7 +113,7 @@ def test_modes_are_those_of_the_state_matrix_wherever_dampers_stand(strongest):
         numbers = [*zip(ends, stiffnesses, dashpots, strict=True)]
         rods = [jp.Rod(jp.ZenerRod(1.0, 1e-12, c / k), k, x) for x, k, c in numbers]
         modes = jp.modes(jp.System(tuple(masses), tuple(rods)))
-        influence = np.array([elongation(x, np.eye(n)) for x in ends]).T
+        influence = np.array([elongation(rod, np.eye(n)) for rod in rods]).T
         between = [influence @ np.diag(x) @ influence.T for x in (stiffnesses, dashpots)]
         poles = np.linalg.eigvals(state_matrix(masses, *between))
         poles = poles[poles.imag > 1e-6 * abs(poles)]
