@@ -84,7 +84,8 @@ class Excitation(NamedTuple):
 
     ``series`` are arrays with an entry for each instant along their first axis. The loop reads one
     a step, so that the derivative by a whole record costs no more than the loop. ``at(t, entry)``
-    is u''(t) and the mean of u'' over the step from t − h/2 to t + h/2.
+    is u''(t) and the mean of u'' over the step from t − h/2 to t + h/2; over its second half at
+    t = 0, where a run begins, if u'' may jump there.
     """
 
     series: Any
@@ -341,8 +342,10 @@ class Scaled(_Combination):
 
 
 def mean_acceleration(velocity: Callable[[Any], Any], t: Any, h: float) -> Any:
-    """Mean of u'' from t − h/2 to t + h/2, from the velocity u'."""
-    return (velocity(t + h / 2) - velocity(t - h / 2)) / h
+    """Mean of u'' from t − h/2 to t + h/2, at t = 0 from there on, by the velocity u'."""
+    is_first = jnp.asarray(t) <= 0
+    begin = jnp.where(is_first, t, t - h / 2)
+    return (velocity(t + h / 2) - velocity(begin)) / jnp.where(is_first, h / 2, h)
 
 
 def records_in(ground: GroundLike) -> Iterator[GroundMotion]:

@@ -34,17 +34,23 @@ def taken(ground, grid, order=2):
     return run()
 
 
+def steps_about(t, h):
+    """Begin and end of the steps about instants; the first one begins with the run."""
+    return np.where(t > 0, t - h / 2, 0.0), t + h / 2
+
+
 def mean_of_sine(t, h):
-    return np.sin(t) * np.sin(h / 2) / (h / 2)
+    begin, end = steps_about(t, h)
+    return (np.cos(begin) - np.cos(end)) / (end - begin)
 
 
 def mean_of_record(t, h):
     """By the trapezoidal rule over the ends of the step and the kinks between them."""
     kinks, padded = 0.5 * np.arange(-1, len(SAMPLES) + 1), np.pad(SAMPLES, 1)
     means = []
-    for begin, end in zip(t - h / 2, t + h / 2, strict=True):
+    for begin, end in zip(*steps_about(t, h), strict=True):
         x = np.array([begin, *kinks[(kinks > begin) & (kinks < end)], end])
-        means.append(np.trapezoid(np.interp(x, kinks, padded), x) / h)
+        means.append(np.trapezoid(np.interp(x, kinks, padded), x) / (end - begin))
     return np.array(means)
 
 

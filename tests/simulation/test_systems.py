@@ -222,3 +222,16 @@ def test_storeys_and_dampers_balance_their_energy_and_are_told_apart_by_number()
     assert "damper 1–2, floor 2" in str(run)
     for words in ("floor 2 of building 1", "storey 1 of building 2", "1–2, floor 1"):
         assert words in str(demand)
+
+
+def test_a_motion_that_begins_with_a_jump_is_of_second_order():
+    """A constant acceleration from t = 0 on moves a unit mass on a unit spring by 1 − cos t."""
+    mass = jp.System((1.0,), (jp.Rod(ELASTIC, 1.0, (0, jp.GROUND)),))
+    constant = jp.Record(-np.ones(501), 0.02, time_unit="1/ω1")
+
+    def error(dt):
+        run = jp.simulate(mass, constant, jp.TimeGrid.until(10.0, dt))
+        return np.abs(run.masses[0].x - (1 - np.cos(run.time))).max()
+
+    assert error(0.02) < 2e-4
+    assert 3.8 < error(0.04) / error(0.02) < 4.2
