@@ -7,11 +7,10 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import betaincinv
 
 from jaxpound._checks import Rule, enforce, not_negative, require_share
 from jaxpound._errors import InvalidInput
-from jaxpound.study.statistics import Estimate, Moments
+from jaxpound.study.statistics import Estimate, Moments, binomial_interval
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,16 +78,8 @@ class Hits(NamedTuple):
         """The probability, with Clopper and Pearson's interval for ``effective_size`` samples."""
         require_share("probability", "confidence", confidence)
         p = self.share(normalised)
-        low, high = _limits(min(p, 1.0), self.effective_size(p, normalised), confidence)
+        low, high = binomial_interval(min(p, 1.0), self.effective_size(p, normalised), confidence)
         return Estimate(p, low, high, confidence)
-
-
-def _limits(p: float, n: float, confidence: float) -> tuple[float, float]:
-    """Clopper and Pearson's interval of p, for n samples; n need not be whole."""
-    hits, tail = p * n, (1 - confidence) / 2
-    low = float(betaincinv(hits, n - hits + 1, tail)) if p > 0 else 0.0
-    high = float(betaincinv(hits + 1, n - hits, 1 - tail)) if p < 1 else 1.0
-    return low, high
 
 
 def quantile(
@@ -123,7 +114,7 @@ def quantile(
     value = exceeded_by(tail)
     beyond = ranked > value
     hits = Hits.of(beyond if beyond.any() else ranked >= value, w)
-    low, high = _limits(tail, hits.effective_size(tail, normalised), confidence)
+    low, high = binomial_interval(tail, hits.effective_size(tail, normalised), confidence)
     upper = exceeded_by(low) if low >= shares[0] else np.inf
     lower = exceeded_by(high) if high <= shares[-1] - w[-1] / whole else -np.inf
     below, above = sorted([sign * lower, sign * upper])
