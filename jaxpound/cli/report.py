@@ -16,6 +16,7 @@ from jaxpound.model.parameters import in_words as in_words_of
 from jaxpound.model.places import link_places
 from jaxpound.results.named import in_words, kind_of, quantity_named, unit_of
 from jaxpound.study.fragility import ANY_LINK
+from jaxpound.study.gaps import RULES
 
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)  # of exceedance, for which required gaps are reported
 
@@ -25,7 +26,6 @@ _SPECTRAL = "spectral_acceleration_"  # start of the names of those at the natur
 _QUANTILES = {0.05: "5 % quantile", 0.5: "median", 0.95: "95 % quantile"}
 _MOST_CORRELATIONS = 8
 
-_RULES = {"absolute_sum": "absolute sum", "srss": "SRSS", "double_difference": "double difference"}
 _GAPS = ("exceeded with probability", "unit", "required gap", "95 % interval")
 _DEMANDS = ("demand", "unit", "mean", "standard deviation", *_QUANTILES.values(), "largest")
 _ERRORS = ("median θ", "standard error of θ", "dispersion β", "standard error of β")
@@ -142,7 +142,7 @@ def summary(
         required_gap[str(p)] = files.of_estimate(study.required_gap(p))
         if is_pair(study):
             separation = study.separation(p)
-            required_gap[str(p)] |= {rule: getattr(separation, rule) for rule in _RULES}
+            required_gap[str(p)] |= {rule: getattr(separation, rule) for rule in RULES}
             correlation = separation.correlation
     for name in (x for x in study.told() if x != "pounds"):
         moments, finite = study.moments(name), study.finite(name)
@@ -233,7 +233,7 @@ def parts_of_page(answers: dict[str, Any], checked_floors: str) -> list[str | Te
     ]
     if gaps := answers["required_gap"]:
         correlation = answers["double_difference_correlation"]
-        rules = _RULES if correlation is not None else {}
+        rules = RULES if correlation is not None else {}
         gap_unit = unit_of("required_gap", si)
         rows = [
             (share, gap_unit, row["value"], _ends(row), *(row[rule] for rule in rules))

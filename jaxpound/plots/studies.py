@@ -15,7 +15,8 @@ from jaxpound._errors import InvalidInput
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes, shade
 from jaxpound.results.named import kind_and_symbol
-from jaxpound.study.fragility import ANY_LINK, Fragility, grouped
+from jaxpound.study.fragility import ANY_LINK, Fragility
+from jaxpound.study.gaps import RULES
 from jaxpound.study.sensitivity import Sensitivity
 from jaxpound.study.statistics import probability
 from jaxpound.study.study import Study
@@ -109,11 +110,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     if rules_at is not None:
         words = f"probability {100 * rules_at:.3g} %"
         ax.axhline(rules_at, color=COLOURS["residual"], linewidth=0.7, label=words)
-        for name, words, style in (
-            ("double_difference", "double difference", ":"),
-            ("srss", "SRSS", "--"),
-            ("absolute_sum", "absolute sum", "-."),
-        ):
+        for (name, words), style in zip(reversed(RULES.items()), (":", "--", "-."), strict=True):
             at = getattr(separation, name)
             ax.axvline(at, color="black", linestyle=style, linewidth=0.9, label=words)
     label(ax, _axis(study, "required_gap")[1], "probability of exceedance")
@@ -275,14 +272,13 @@ def _weights(study: Study, column: str) -> np.ndarray:
 def _shares(curve: Fragility) -> tuple[np.ndarray, np.ndarray]:
     """Intensities of the data, a cloud in twelve groups, and the shares of pounding at each."""
     im, k, n = curve.intensity, curve.pounding, curve.trials
-    if curve.weights is not None and not curve.stripes:
-        parts = np.array_split(np.argsort(im), 12)
-        centre = [np.exp(np.average(np.log(im[x]), weights=curve.weights[x])) for x in parts]
-        estimates = [Hits.of(k[x] > 0, curve.weights[x]).estimate(True)[:3] for x in parts]
-        return np.array(centre), np.array(estimates)
-    if not curve.stripes:
-        im, k, n = grouped(im, k, 12)
-    return im, np.array([probability(int(a), int(b))[:3] for a, b in zip(k, n, strict=True)])
+    if curve.stripes:
+        return im, np.array([probability(int(a), int(b))[:3] for a, b in zip(k, n, strict=True)])
+    weights = np.ones(im.size) if curve.weights is None else curve.weights
+    parts = np.array_split(np.argsort(im), min(12, im.size))
+    centre = [np.exp(np.average(np.log(im[x]), weights=weights[x])) for x in parts]
+    estimates = [Hits.of(k[x] > 0, weights[x]).estimate(True)[:3] for x in parts]
+    return np.array(centre), np.array(estimates)
 
 
 def _axis(study: Study, column: str) -> tuple[float, str]:

@@ -34,6 +34,10 @@ class RequiredGaps(Shown):
         return [TextTable(title, columns, rows, digits=4)]
 
 
+RULES = {"absolute_sum": "absolute sum", "srss": "SRSS", "double_difference": "double difference"}
+"""Codes' rules for the gap, fields of ``Separation``, in words."""
+
+
 class Separation(NamedTuple):
     """The required gap at a probability of exceedance, beside those of code rules.
 
@@ -53,9 +57,7 @@ class Separation(NamedTuple):
     def _table(self) -> TextTable:
         rows = [
             ("required gap", str(self.required_gap)),
-            ("absolute sum", f"{self.absolute_sum:.4g}"),
-            ("SRSS", f"{self.srss:.4g}"),
-            ("double difference", f"{self.double_difference:.4g}"),
+            *((words, f"{getattr(self, rule):.4g}") for rule, words in RULES.items()),
         ]
         note = f"double difference with a correlation of {self.correlation:.3g}"
         return TextTable("Separation", (), rows, [note])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import betaincinv
 
 from jaxpound._checks import Rule, enforce, require_share
 from jaxpound._errors import InvalidInput
@@ -29,15 +30,21 @@ class Estimate(NamedTuple):
 
 
 def probability(successes: int, n: int, confidence: float = 0.95) -> Estimate:
-    """Probability of an event with ``successes`` in n; interval of Clopper and Pearson (1934)."""
-    from scipy import stats  # only here: it takes a second to import
-
+    """Probability of an event with ``successes`` in n, with its ``binomial_interval``."""
     owner = "probability"
     require_share(owner, "confidence", confidence)
     between = Rule("successes", successes, 0 <= successes <= n, f"between 0 and n = {n}")
     enforce(owner, [Rule("n", n, n >= 1, "at least 1"), between])
-    interval = stats.binomtest(int(successes), int(n)).proportion_ci(confidence, method="exact")
-    return Estimate(successes / n, float(interval.low), float(interval.high), confidence)
+    share = successes / n
+    return Estimate(share, *binomial_interval(share, n, confidence), confidence)
+
+
+def binomial_interval(share: float, n: float, confidence: float) -> tuple[float, float]:
+    """Interval of Clopper and Pearson (1934) by a share of n samples; n need not be whole."""
+    hits, tail = share * n, (1 - confidence) / 2
+    low = float(betaincinv(hits, n - hits + 1, tail)) if share > 0 else 0.0
+    high = float(betaincinv(hits + 1, n - hits, 1 - tail)) if share < 1 else 1.0
+    return low, high
 
 
 def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Estimate:
@@ -48,7 +55,7 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
     section 3.2). Each end errs with a probability of at most (1 − confidence) / 2; it is infinite
     if the sample is too small for any order statistic to have that confidence.
     """
-    from scipy import stats
+    from scipy import stats  # only here: it takes a second to import
 
     owner = "quantile"
     require_share(owner, "share", share)

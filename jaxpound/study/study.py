@@ -255,10 +255,9 @@ class Study(DemandColumns):
         if kind not in ("rank", "linear"):
             raise InvalidInput("correlations", "kind", repr(kind), "must be 'rank' or 'linear'")
         y = self._read(self._column(name))
-        valid = np.isfinite(y)
-        weights = None if self.weighting is None else self.weights[valid]
+        valid, weights = np.isfinite(y), self.weights
         return {
-            name: correlation(x[valid], y[valid], weights, ranks=kind == "rank")
+            name: correlation(x[valid], y[valid], weights[valid], ranks=kind == "rank")
             for name, x in self.parameters().items()
         }
 

@@ -7,11 +7,10 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import betaincinv
 
 from jaxpound._checks import Rule, enforce, not_negative, require_share
 from jaxpound._errors import InvalidInput
-from jaxpound.study.statistics import Estimate, Moments
+from jaxpound.study.statistics import Estimate, Moments, binomial_interval
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,16 +78,8 @@ class Hits(NamedTuple):
         """The probability, with Clopper and Pearson's interval for ``effective_size`` samples."""
         require_share("probability", "confidence", confidence)
         p = self.share(normalised)
-        low, high = _limits(min(p, 1.0), self.effective_size(p, normalised), confidence)
+        low, high = binomial_interval(min(p, 1.0), self.effective_size(p, normalised), confidence)
         return Estimate(p, low, high, confidence)
-
-
-def _limits(p: float, n: float, confidence: float) -> tuple[float, float]:
-    """Clopper and Pearson's interval of p, for n samples; n need not be whole."""
-    hits, tail = p * n, (1 - confidence) / 2
-    low = float(betaincinv(hits, n - hits + 1, tail)) if p > 0 else 0.0
-    high = float(betaincinv(hits + 1, n - hits, 1 - tail)) if p < 1 else 1.0
-    return low, high
 
 
 def quantile(
@@ -123,7 +114,7 @@ def quantile(
     value = exceeded_by(tail)
     beyond = ranked > value
     hits = Hits.of(beyond if beyond.any() else ranked >= value, w)
-    low, high = _limits(tail, hits.effective_size(tail, normalised), confidence)
+    low, high = binomial_interval(tail, hits.effective_size(tail, normalised), confidence)
     upper = exceeded_by(low) if low >= shares[0] else np.inf
     lower = exceeded_by(high) if high <= shares[-1] - w[-1] / whole else -np.inf
     below, above = sorted([sign * lower, sign * upper])
@@ -155,14 +146,10 @@ def moments(parts: Iterable[tuple[np.ndarray, np.ndarray]]) -> Moments:
     return Moments(n, float(mean), float(variance * (n - 1)), float(low), float(high))
 
 
-def correlation(x: np.ndarray, y: np.ndarray, weights: np.ndarray | None, *, ranks: bool) -> float:
-    """Correlation coefficient, linear or of (weighted) ranks; NaN if x or y does not vary."""
+def correlation(x: np.ndarray, y: np.ndarray, weights: np.ndarray, *, ranks: bool) -> float:
+    """Correlation coefficient, linear or of weighted ranks; NaN if x or y does not vary."""
     if not (x.size and np.ptp(x) and np.ptp(y)):
         return float("nan")
-    if weights is None:
-        from scipy import stats  # only here: it takes a second to import
-
-        return float((stats.spearmanr if ranks else stats.pearsonr)(x, y).statistic)
     pair = np.stack([_ranks(a, weights) if ranks else a for a in (x, y)])
     covariance = np.cov(pair, aweights=weights)
     return float(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]))
