@@ -56,36 +56,32 @@ class Plan:
 Choice = Callable[[Work], Plan]
 
 
-def fast(work: Work) -> Plan:
-    """The plan that runs fast and compiles in seconds."""
-    is_looped = work.elements > WRITTEN_OUT or work.laws == "long" or work.inner_loop != "never"
-    return _fast(work, is_looped)
+def fast(work: Work, all_looped: bool = False) -> Plan:
+    """The plan that runs fast and compiles in seconds; all blocks may be loops."""
+    are_few, has_inner_loop = work.elements <= FEW, work.inner_loop != "never"
+    is_looped = all_looped or work.elements > WRITTEN_OUT or work.laws == "long" or has_inner_loop
+    written_out: Literal["written out", "recomputed"] = (
+        "written out" if work.laws == "none" else "recomputed"
+    )
+    may_skip = work.inner_loop == "sometimes" and are_few and not work.series
+    return Plan(
+        block="loop" if is_looped else written_out,
+        segments=work.series,
+        shortcut=may_skip and jax.default_backend() == "cpu",
+        recomputed_steps=has_inner_loop or (is_looped and work.laws != "none"),
+        laws_in_arrays=work.laws == "long" and not are_few,
+        peaks_in_arrays=has_inner_loop and not are_few,
+    )
 
 
 def looped(work: Work) -> Plan:
     """As ``fast``, with all blocks as loops: they compile sooner, and run longer."""
-    return _fast(work, is_looped=True)
+    return fast(work, all_looped=True)
 
 
 def plain(work: Work) -> Plan:
     """The loop of a textbook, whatever a step computes."""
     return Plan()
-
-
-def _fast(work: Work, is_looped: bool) -> Plan:
-    are_few, has_inner_loop = work.elements <= FEW, work.inner_loop != "never"
-    is_on_cpu = jax.default_backend() == "cpu"
-    written_out: Literal["written out", "recomputed"] = (
-        "written out" if work.laws == "none" else "recomputed"
-    )
-    return Plan(
-        block="loop" if is_looped else written_out,
-        segments=work.series,
-        shortcut=work.inner_loop == "sometimes" and are_few and not work.series and is_on_cpu,
-        recomputed_steps=has_inner_loop or (is_looped and work.laws != "none"),
-        laws_in_arrays=work.laws == "long" and not are_few,
-        peaks_in_arrays=has_inner_loop and not are_few,
-    )
 
 
 _choice: Choice = fast

@@ -8,11 +8,9 @@ import os
 import re
 import shlex
 import stat
-import sys
 import threading
 import time
 import warnings
-import zlib
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ from typing import Any
 import jax
 import jax.monitoring
 from jax.experimental.compilation_cache import compilation_cache
+from platformdirs import user_cache_path
 
 VARIABLE = "JAXPOUND_CACHE"  # in the environment: the folder for caches; "off" keeps no programs
 AFTER = 3.0  # seconds of tracing and compiling until the note
@@ -27,8 +26,6 @@ _OFF = "off"
 _LARGEST = 1 << 30  # bytes, above which those used longest ago are removed
 _WORTH_KEEPING = 0.3  # s of compilation
 _ENTRY = re.compile(r".+-[0-9a-f]{64}-(cache|atime)")  # the files of JAX
-_MARK = "looked-through"  # an empty file, as old as the last look at the entries
-_ZSTANDARD = b"\x28\xb5\x2f\xfd"  # first bytes of what it compresses
 _LOOP_KERNELS = "xla_cpu_small_while_loop_byte_threshold=1000000"  # smaller ones are one kernel
 _MAKES_LOOP_KERNELS = (0, 12)  # the version of JAX from which on XLA does so by itself
 _PHASES = ("jaxpr_trace", "jaxpr_to_mlir_module", "backend_compile")
@@ -44,7 +41,7 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
     ``jax_persistent_cache_min_compile_time_secs`` of ``jax.config``.
 
     Programs are in the sub-folder ``jaxpound/programs``. Above 1 GiB those used longest ago are
-    removed, damaged ones at the next call; no other file ever is. Whoever can write to the folder
+    removed at the next call; no other file ever is. Whoever can write to the folder
     can make you execute any code: it is refused if it, or one above it, belongs to somebody else or
     others may write to it. Returns the folder with the programs, or None if none are kept; a
     ``UserWarning`` says if a folder is refused, or the requested one cannot be made or written to.
@@ -71,8 +68,8 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
     if folder is None and (before or chosen == _OFF):
         return Path(before) if before else None
     try:
-        programs = _private(Path(chosen) if chosen else _user_folder())
-        _look_through(programs)
+        programs = _private(Path(chosen) if chosen else user_cache_path().expanduser())
+        _make_room(programs)
     except (OSError, RuntimeError, _RefusedError) as error:  # RuntimeError: a user without a home
         if chosen or isinstance(error, _RefusedError):
             warnings.warn(f"keep_programs: {error}; compiled programs are not kept", stacklevel=2)
@@ -148,58 +145,20 @@ def _require_private(folder: Path, owners: set[int], allowed: int = 0, first: st
         raise _RefusedError(f"{folder} {rule}; {remedy}")
 
 
-def _look_through(programs: Path) -> None:
-    """Remove damaged entries, of which JAX warns in every process, and make room for new ones."""
-    mark = programs / _MARK
-    last = mark.stat().st_mtime if mark.exists() else 0.0
-    mark.touch()
+def _make_room(programs: Path) -> None:
+    """Remove entries above the limit, those first that were used longest ago."""
     entries = []
     for path in programs.iterdir():
-        with contextlib.suppress(OSError):  # another process has removed it
+        with contextlib.suppress(FileNotFoundError):  # another process has removed it
             if _ENTRY.fullmatch(path.name):
                 status = path.stat()
-                if status.st_mtime >= last and _is_damaged(path):
-                    path.unlink()
-                else:
-                    entries.append((status.st_atime, status.st_size, path))
+                entries.append((status.st_atime, status.st_size, path))
     excess = sum(size for _, size, _ in entries) - _LARGEST
     for _, size, path in sorted(entries):
         if excess <= 0:
             return
         path.unlink(missing_ok=True)
         excess -= size
-
-
-def _is_damaged(path: Path) -> bool:
-    """Whether a compressed entry cannot be read: a killed process may have begun to write it."""
-    if path.name.endswith("-atime"):
-        return False
-    entry = path.read_bytes()
-    try:
-        if not entry.startswith(_ZSTANDARD):
-            zlib.decompress(entry)
-        elif sys.version_info >= (3, 14):
-            from compression import zstd
-
-            zstd.decompress(entry)
-        else:
-            import zstandard
-
-            zstandard.ZstdDecompressor().decompress(entry)
-    except ImportError:  # of another process
-        return False
-    except Exception:  # each library has its own
-        return True
-    return False
-
-
-def _user_folder() -> Path:
-    """The folder for caches of this user, by the conventions of the system."""
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
 
 
 _log = logging.getLogger("jaxpound")

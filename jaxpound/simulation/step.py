@@ -37,7 +37,7 @@ def one_step(
     h = system.dt
 
     # The rods at t_m, and the pull on the joints, A = C (a − ι u'') with a = −M⁻¹ Bᵀ f.
-    rods = rods_at(system, before, sums, now)
+    rods = rods_at(system, before, sums, now, range(len(system.rods)), before.x)
     free = system.free_accelerations([rod.kick for rod in rods])
     pulls = [kind.pull(free, now.mean_ground) for kind in system.joints]
 
@@ -82,23 +82,21 @@ def rods_at(
     before: RunState,
     sums: Sequence[Any],
     now: Now,
-    shifts: dict[int, tuple[Any, Any]] | None = None,
+    numbers: Sequence[int],
+    *x: Sequence[Any],
 ) -> list[RodStep]:
-    """The rods at t_m; or those alone whose elongations at t_m and in the mean are shifted."""
-    remaining, arguments = iter(sums), list[tuple[Any, ...]]()
-    for number, (law, state) in enumerate(zip(system.rods, before.rods, strict=True)):
-        total = None if law.order is None else next(remaining)
-        elongation = along(system.rod_ends[number], before.x)
-        if shifts is None:
-            arguments.append((law, state, elongation, total))
-        elif number in shifts:
-            to_now, to_mean = shifts[number]
-            arguments.append((law, state, elongation + to_now, total, elongation + to_mean))
+    """The rods with these numbers at t_m, for displacements then, and maybe those in the mean."""
+    remaining = iter(sums)
+    totals = [None if law.order is None else next(remaining) for law in system.rods]
     is_first = None if system.starts_at_rest else now.is_first
 
-    def at(law: RodLaw, state: Any, elongation: Any, total: Any, *mean: Any) -> RodStep:
+    def at(law: RodLaw, state: Any, total: Any, elongation: Any, *mean: Any) -> RodStep:
         return law.step(state, elongation, total, is_first, *mean)
 
+    arguments = [
+        (system.rods[n], before.rods[n], totals[n], *(along(system.rod_ends[n], y) for y in x))
+        for n in numbers
+    ]
     return map_alike(at, arguments, system.plan.laws_in_arrays)
 
 
@@ -111,35 +109,28 @@ def with_mean_samples(
     flows: Sequence[Any],
 ) -> list[RodStep]:
     """The rods at t_m, of which those at joints with a flow take the mean sample of the path."""
-
-    def stretched(changes: Sequence[Any]) -> list[Any]:
-        """Changes of the rods' elongations; a float, 0, where no joint with a flow has changed."""
-        shifts: list[Any] = [0.0] * len(system.masses)
-        for kind, change in zip(system.joints, changes, strict=True):
-            if change is not None:
-                kind.follow(shifts, change)
-        return [along(ends, shifts) for ends in system.rod_ends]
-
-    to_now = stretched([flow and flow.now for flow in flows])
-    to_mean = stretched([flow and flow.mean for flow in flows])
-    by_rod = enumerate(zip(to_now, to_mean, strict=True))
-    shifts = {number: shift for number, shift in by_rod if not isinstance(shift[1], float)}
-    moved = iter(rods_at(system, before, sums, now, shifts))
-    return [next(moved) if number in shifts else rod for number, rod in enumerate(rods)]
+    x_now, x_mean, masses = [*before.x], [*before.x], set[int]()
+    for kind, flow in zip(system.joints, flows, strict=True):
+        if flow is not None:
+            kind.follow(x_now, flow.now)
+            kind.follow(x_mean, flow.mean)
+            masses |= {mass for _, shares in kind.groups for mass in shares}
+    numbers = [n for n, ends in enumerate(system.rod_ends) if masses & dict(ends).keys()]
+    changed = rods_at(system, before, sums, now, numbers, x_now, x_mean)
+    by_number = dict(zip(numbers, changed, strict=True))
+    return [by_number.get(n, rod) for n, rod in enumerate(rods)]
 
 
 def with_start(system: StepConstants, before: JointState, moved: Moved, now: Now) -> Moved:
     """Joints after a step; the first step is its second half alone, which begins at t_m = 0."""
-    motion = moved.motion
-    starts: dict[str, Any] = {"velocity_now": before.velocity}
+    start: dict[str, Any] = {"velocity_now": before.velocity}
     if not system.starts_at_rest:  # what has happened is taken for what happens after it
-        starts |= dict.fromkeys(("jump", "turn_time", "turn", "change_time"), 0.0)
-        motion = motion._replace(turns=motion.turns & ~now.is_first)
-        moved = moved._replace(turns=moved.turns._replace(exist=motion.turns))
+        start |= dict.fromkeys(("jump", "turn_time", "turn", "change_time"), 0.0) | {"turns": False}
     changed: dict[str, Any] = {
-        name: jnp.where(now.is_first, y, getattr(motion, name)) for name, y in starts.items()
+        name: jnp.where(now.is_first, y, getattr(moved.motion, name)) for name, y in start.items()
     }
-    return moved._replace(motion=motion._replace(**changed))
+    motion = moved.motion._replace(**changed)
+    return moved._replace(motion=motion, turns=moved.turns._replace(exist=motion.turns))
 
 
 def observed(

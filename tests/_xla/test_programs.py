@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 import time
-import warnings
 from functools import reduce
 from pathlib import Path
 from unittest.mock import Mock
@@ -48,30 +47,13 @@ def compile_anew():
     }
 
 
-DAMAGES = {
-    "none": lambda entry: entry,
-    "empty": lambda entry: b"",
-    "cut": lambda entry: entry[: len(entry) // 2],
-    # One flipped bit is not always seen: Zstandard's frames have no checksum.
-    "zeroed": lambda entry: entry[:-20] + bytes(20),
-}
-
-
-@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
-def test_an_entry_serves_the_next_process_and_a_damaged_one_is_replaced(tmp_path, damage):
+def test_an_entry_serves_the_next_process(tmp_path):
     jp.keep_programs(tmp_path)
     (path,) = (whole := compile_anew())
-    path.write_bytes(damage(whole[path]))
     before = path.stat().st_mtime_ns
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        jp.keep_programs(tmp_path)
-        again = compile_anew()
-    assert again.keys() == {path}
-    assert abs(len(again[path]) - len(whole[path])) < 100  # the time of compilation is in it
-    if damage is DAMAGES["none"]:
-        assert again == whole
-        assert path.stat().st_mtime_ns == before
+    jp.keep_programs(tmp_path)
+    assert compile_anew() == whole
+    assert path.stat().st_mtime_ns == before
 
 
 def test_only_entries_are_removed_and_those_first_that_were_used_longest_ago(tmp_path, monkeypatch):
@@ -157,13 +139,8 @@ def test_the_environment_names_the_folder_and_without_one_nothing_is_kept(tmp_pa
     (tmp_path / "file").touch()
     with pytest.warns(UserWarning, match=r"keep_programs: .*file.*; compiled programs are not kep"):
         assert jp.keep_programs(tmp_path / "file") is None
-    with monkeypatch.context() as patch:
-        patch.setattr(programs, "_user_folder", lambda: tmp_path / "file")
-        assert jp.keep_programs() is None
-    with monkeypatch.context() as patch:
-        for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
-            patch.delenv(name, raising=False)
-        patch.setattr(Path, "home", Mock(side_effect=RuntimeError("Could not determine home.")))
+    for caches in (tmp_path / "file", Path("~no-such-user")):  # of a user without a home
+        monkeypatch.setattr(programs, "user_cache_path", lambda caches=caches: caches)
         assert jp.keep_programs() is None
     monkeypatch.setenv("JAXPOUND_CACHE", "off")
     assert jp.keep_programs() is None
