@@ -42,11 +42,10 @@ from jaxpound.simulation.state import JointState, Moved, Now, rise_of
 
 
 def response(
-    group: Coupling, held: jax.Array, pull: jax.Array, prescribed: Any = 0.0
+    group: Coupling, held: jax.Array, pull: jax.Array, prescribed: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Accelerations A − G q and forces q, held joints at rest; others have ``prescribed`` q."""
     inverse = forces.held_inverse(group.delassus, held)
-    prescribed = jnp.broadcast_to(prescribed, pull.shape)
     return forces.response(group.delassus, inverse, held, pull, prescribed)
 
 
@@ -96,7 +95,7 @@ def _motion_without_events(
     has_friction, inverse_mass = group.frictions > 0, jnp.diagonal(group.delassus)
     friction, held = group.frictions * slip, (slip == 0) & has_friction
     gain, _ = response(group, held, pull, friction)
-    bend = response(group, held, rise)[0]
+    bend, _ = response(group, held, rise, 0 * rise)
     others = gain + inverse_mass * friction
     alone = EventResolved().slide(
         LinkStep(velocity, slip, others, bend, inverse_mass, group.frictions, h)
@@ -196,7 +195,9 @@ def after_flow(
     """
     result, change = flow.result, pull - flow.pull
     at, turns = result.now, result.turns
-    gain, gain_now = (response(group, held > 0, change)[0] for held in (result.held, at.held))
+    gain, gain_now = (
+        response(group, held > 0, change, 0 * change)[0] for held in (result.held, at.held)
+    )
     # No position correction while a contact force acts: the force would respond to it.
     pressed = group.joints_where(result.contact.mode == PRESSED)
     pressed_now = group.joints_where(result.gaps.force != 0)
