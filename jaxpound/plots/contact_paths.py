@@ -17,9 +17,14 @@ from jaxpound.model.joint import groups, joints
 from jaxpound.model.system import Link, System
 from jaxpound.results.impacts import Impact
 from jaxpound.results.response import Response
-from jaxpound.simulation.contact.events import FlowState
 from jaxpound.simulation.contact.forces import Constants
-from jaxpound.simulation.contact.local_flow import advance, start, unfinished, within
+from jaxpound.simulation.contact.local_flow import (
+    Progress,
+    advance,
+    start,
+    unfinished,
+    within,
+)
 from jaxpound.simulation.contact.records import (
     APART,
     CLIPPED,
@@ -27,7 +32,6 @@ from jaxpound.simulation.contact.records import (
     Clock,
     Contact,
     FlowInput,
-    Gaps,
 )
 from jaxpound.simulation.joints.coupled import Coupled, all_coupled
 
@@ -114,7 +118,7 @@ def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
             pulls = jax.vmap(kind.pull)(free, response.ground_acceleration)
             closings = jnp.stack([along(joint.ends, x) for joint in group], -1)
             for m, points in _flows(response, kind, closings, pulls):
-                steps |= {(k, m): points[:, :, j].T for j, k in enumerate(kind.links[0])}
+                steps |= {(k, m): points[:, :, j].T for j, k in enumerate(kind.of[0].links)}
     return steps
 
 
@@ -131,7 +135,7 @@ def _flows(
     def series(name: str, links: Sequence[int]) -> np.ndarray:
         return np.stack([np.asarray(getattr(response.links[k], name)) for k in links], -1)
 
-    gaps, sizes = kind.links[0], np.asarray(kind.coupling.sizes)
+    gaps, sizes = kind.of[0].links, np.asarray(kind.coupling.sizes)
     velocity = series("slip_velocity", [joint.link for joint in kind.of[0].joints])
     depth, force = -series("gap", gaps), series("contact", gaps)
     modes = np.where(depth <= 0, APART, np.where(force == 0, CLIPPED, PRESSED))
@@ -140,14 +144,14 @@ def _flows(
     for m in np.flatnonzero(np.maximum(met[1:], met[:-1])).tolist():
         contact = contact._replace(mode=jnp.asarray(modes[m]))
         pull, rise = (pulls[m] + pulls[m + 1]) / 2, pulls[m + 1] - pulls[m]
-        inputs = FlowInput(closings[m], velocity[m], pull, rise, *kind.coupling, contact)
-        step = partial(_advance, kind.gaps, h, inputs)
+        inputs = FlowInput(closings[m], velocity[m], pull, rise, kind.coupling, contact)
+        step = partial(_advance, h, inputs)
         x, goes_on, _ = step(None)
         substeps = []
         while goes_on:
             x, goes_on, points = step(x)
             substeps.append(points)
-        contact = x.contact
+        contact = x.now.contact
         points = np.concatenate(substeps) + np.stack([none + time[m], -sizes, none])
         share, ended = (points[:, 0] - time[m]) / h, points[-1, 1:]
         missing = np.zeros_like(ended)  # also where a gap is infinite
@@ -156,15 +160,15 @@ def _flows(
         yield m, points
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=0)
 def _advance(
-    gaps: Gaps, h: float, inputs: FlowInput, x: FlowState | None
-) -> tuple[FlowState, jax.Array, jax.Array]:
+    h: float, inputs: FlowInput, x: Progress | None
+) -> tuple[Progress, jax.Array, jax.Array]:
     """The state after a substep is tried, whether more follow, and the points as far as it went."""
     zero = 0 * inputs.closing[0]
-    constants = Constants.of(h, 0, gaps, inputs, Clock(zero, zero, zero > 0))
+    constants = Constants.of(h, 0, inputs, Clock(zero, zero, zero > 0))
     before, after = (start(constants),) * 2 if x is None else (x, advance(constants, x))
-    times = jnp.linspace(0.0, 1.0, _POINTS) * (after.y.t - before.y.t)
+    times = jnp.linspace(0.0, 1.0, _POINTS) * (after.now.y.t - before.now.y.t)
 
     def point(time: jax.Array) -> jax.Array:
         return jnp.stack(jnp.broadcast_arrays(*within(constants, before, time)))

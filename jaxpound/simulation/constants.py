@@ -12,9 +12,8 @@ from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
 from jaxpound.model.joint import Joint, groups, joints
 from jaxpound.model.system import System
 from jaxpound.simulation.contact.records import SLOTS, Contact
-from jaxpound.simulation.joints.coupled import Coupled, all_coupled, may_need_flow
+from jaxpound.simulation.joints.coupled import Coupled, all_coupled, coupled, may_need_flow
 from jaxpound.simulation.joints.friction import FrictionLaw
-from jaxpound.simulation.joints.sliding import Sliding
 from jaxpound.simulation.rods.law import RodLaw
 from jaxpound.simulation.rods.laws import law_of
 from jaxpound.simulation.scheme import Scheme
@@ -42,7 +41,7 @@ class StepConstants(NamedTuple):
     influence: tuple[Any, ...]  # ι by mass: the share of the ground's motion that it has
     rods: tuple[RodLaw, ...]
     rod_ends: tuple[WeightedEnds, ...]
-    joints: tuple[Sliding | Coupled, ...]  # each one joint, or groups of joints of one shape
+    joints: tuple[Coupled, ...]  # each one group of joints, or groups of joints of one shape
     friction: FrictionLaw  # of joints that share no mass with others
     dt: float
     slots: int  # impacts recorded for each gap in one step
@@ -67,12 +66,12 @@ class StepConstants(NamedTuple):
             law_of(rod, dt, scheme.order, None if x is None else along(ends, x))
             for rod, ends in zip(system.rods, rod_ends, strict=True)
         )
-        alone, shared = list[Sliding](), list[tuple[Joint, ...]]()
+        alone, shared = list[Coupled](), list[tuple[Joint, ...]]()
         for group in groups(joints(system)):
             if may_need_flow(group, system):
                 shared.append(group)
             else:
-                alone.append(Sliding.of(group[0], system, masses, influence))
+                alone.append(coupled(group, system, masses, influence))
         kinds: Any = (*alone, *all_coupled(shared, system, masses, influence))
         flows: Literal["never", "sometimes", "always"] = "sometimes" if shared else "never"
         if any(link.velocity_friction for link in system.links):
@@ -124,7 +123,7 @@ class StepConstants(NamedTuple):
     @property
     def has_flows(self) -> bool:
         """Whether a step may need a local flow."""
-        return any(isinstance(kind, Coupled) for kind in self.joints)
+        return any(kind.coupling.may_need_flow for kind in self.joints)
 
     @property
     def yield_displacements(self) -> tuple[Any, ...]:
@@ -143,6 +142,5 @@ def contacts(system: StepConstants, state: RunState, n_links: int) -> tuple[Cont
     """The contact of each link; None for links without a law of contact."""
     by_link: dict[int, Contact] = {}
     for kind, joint in zip(system.joints, state.joints, strict=True):
-        if isinstance(kind, Coupled):
-            by_link |= kind.contacts(joint)
+        by_link |= kind.contacts(joint)
     return tuple(map(by_link.get, range(n_links)))

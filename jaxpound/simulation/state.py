@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.joint import Joint
-from jaxpound.simulation.contact.records import FlowResult
-from jaxpound.simulation.joints.friction import LinkMotion
+from jaxpound.simulation.contact.records import GapStep, Turns
+from jaxpound.simulation.joints.motion import LinkMotion
 from jaxpound.simulation.rods.law import RodStep
 
 
@@ -50,61 +49,29 @@ class RunState(NamedTuple):
     joints: tuple[JointState, ...]
 
 
-class Turns(NamedTuple):
-    """Closings of joints where their velocity vanished or reversed in a step."""
-
-    exist: jax.Array  # whether the velocity did so
-    first: jax.Array  # closing at the first turn
-    last: jax.Array
-    between: jax.Array  # path from the first turn to the last
-    farthest: jax.Array  # largest closing at a turn
-    farthest_time: jax.Array  # after t_m
-    nearest: jax.Array  # smallest closing at a turn
-    nearest_time: jax.Array
-
-
 class Moved(NamedTuple):
     """A joint, or joints that share masses, (n,) each, after a step."""
 
     now: jax.Array  # closing at t_m
-    state: Any  # a ``JointState``
-    motion: LinkMotion
-    turns: Turns
+    velocity_now: jax.Array  # w at t_m
+    force: jax.Array  # q at t_m
+    turns: Turns  # times are after t_m
+    turn_forces: tuple[jax.Array, jax.Array]  # q before and after the turn of a step without flow
+    change_time: jax.Array  # when the direction of slip last changed, after t_m
+    state: JointState
+    stop: Any = None  # see ``LinkMotion``
 
     @staticmethod
-    def by(motion: LinkMotion, now: jax.Array, state: JointState) -> Moved:
+    def by(motion: LinkMotion, before: JointState, pull: jax.Array, h: float) -> Moved:
         """Joints that turn at most once in the step."""
-        turn, time = now + motion.turn, motion.turn_time
+        now, time = before.closing, motion.turn_time
+        closing, turn = now + h * motion.velocity + motion.jump, now + motion.turn
         turns = Turns(motion.turns, turn, turn, jnp.zeros_like(turn), turn, time, turn, time)
-        return Moved(now, state, motion, turns)
-
-
-class GapStep(NamedTuple):
-    """The contact of gaps, (g,) each, in a step with a flow; see ``StepLog``."""
-
-    force: jax.Array  # at t_m
-    stored: jax.Array  # change of the energy stored in contact until t_m, and over the step
-    stored_after: jax.Array
-    lost: jax.Array  # energy lost by contact, likewise
-    lost_after: jax.Array
-    touched: jax.Array
-    touches: jax.Array
-    first_touch: jax.Array
-    ended: jax.Array
-    strongest: jax.Array
-    powers: jax.Array
-    highest: jax.Array
-    highest_time: jax.Array
-    highest_forces: jax.Array
-    impacts: Any
-
-    @staticmethod
-    def of(result: FlowResult) -> GapStep:
-        """The contact of gaps in their flow."""
-        now, log = result.now, result.log
-        energies = now.stored, result.stored, now.lost, result.lost
-        events = (getattr(log, name) for name in GapStep._fields[5:])
-        return GapStep(now.contact_force, *energies, *events)
+        state = before._replace(
+            closing=closing, velocity=motion.velocity, phase=motion.phase, pull=pull
+        )
+        ends = motion.turn_forces, motion.change_time, state, motion.stop
+        return Moved(now, motion.velocity_now, motion.force, turns, *ends)
 
 
 class LinkInstant(NamedTuple):
@@ -150,30 +117,6 @@ def added(forces: Sequence[Any], inertia: Sequence[Any]) -> list[Any]:
 
 Inertia = Callable[[Sequence[Sequence[Any]]], list[list[Any]]]
 """Forces of inerters from those of friction and contact, of joints by group."""
-
-
-def link_instants(
-    joint: Joint, moved: Moved, jumps: Any, inertia: Any, gaps: dict[int, GapStep]
-) -> dict[int, LinkInstant]:
-    """The links that make a joint, each with the closing as its face sees it."""
-    now, motion, turns = moved.now, moved.motion, moved.turns
-    links = {}
-    for link, side in joint.faces:
-        if side < 0:
-            reverse = {"first": -turns.first, "last": -turns.last, "farthest": -turns.nearest}
-            turns = turns._replace(**reverse, farthest_time=turns.nearest_time)
-        links[link] = LinkInstant(
-            closing=side * now,
-            velocity=side * motion.velocity_now,
-            friction=motion.force if side > 0 else 0 * motion.force,
-            phase=side * motion.phase,
-            change_time=motion.change_time,
-            turns=turns,
-            jumps=jumps,
-            inertia=inertia if side > 0 else None,
-            gap=gaps.get(link),
-        )
-    return links
 
 
 class Instant(NamedTuple):

@@ -21,7 +21,6 @@ import jax.numpy as jnp
 from jaxpound._xla.alike import map_alike
 from jaxpound.model.ends import along, load_on
 from jaxpound.simulation.constants import StepConstants
-from jaxpound.simulation.joints.sliding import Sliding
 from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState, SeenGroup
 
@@ -60,8 +59,8 @@ def one_step(
     a = [a - iota * now.mean_ground for a, iota in zip(free, system.influence, strict=True)]
     kicked = [v + now.kick * h * a for v, a in zip(before.v, a, strict=True)]
     for kind, y in zip(system.joints, moved, strict=True):
-        if isinstance(kind, Sliding) and y.motion.stop is not None:
-            kind.stop(kicked, y.motion.stop)
+        if y.stop is not None:
+            kind.stop(kicked, y.stop)
     v = system.follow(kicked, [y.state.velocity for y in moved])
     drifted = [x + h * v for x, v in zip(before.x, v, strict=True)]
     x = system.follow(drifted, [y.state.closing for y in moved])
@@ -123,14 +122,15 @@ def with_mean_samples(
 
 def with_start(system: StepConstants, before: JointState, moved: Moved, now: Now) -> Moved:
     """Joints after a step; the first step is its second half alone, which begins at t_m = 0."""
-    start: dict[str, Any] = {"velocity_now": before.velocity}
-    if not system.starts_at_rest:  # what has happened is taken for what happens after it
-        start |= dict.fromkeys(("jump", "turn_time", "turn", "change_time"), 0.0) | {"turns": False}
-    changed: dict[str, Any] = {
-        name: jnp.where(now.is_first, y, getattr(moved.motion, name)) for name, y in start.items()
-    }
-    motion = moved.motion._replace(**changed)
-    return moved._replace(motion=motion, turns=moved.turns._replace(exist=motion.turns))
+    moved = moved._replace(
+        velocity_now=jnp.where(now.is_first, before.velocity, moved.velocity_now)
+    )
+    if system.starts_at_rest:
+        return moved
+    # What has happened is taken for what happens after the start.
+    turns = moved.turns._replace(exist=moved.turns.exist & ~now.is_first)
+    change_time = jnp.where(now.is_first, 0.0, moved.change_time)
+    return moved._replace(turns=turns, change_time=change_time)
 
 
 def observed(
@@ -148,7 +148,7 @@ def observed(
     if any(flow is not None for flow in flows):
         x = system.follow(x, [y.now for y in moved])
     mean = [(v + w) / 2 for v, w in zip(before.v, after.v, strict=True)]
-    v = system.follow(mean, [y.motion.velocity_now for y in moved])
+    v = system.follow(mean, [y.velocity_now for y in moved])
     v = tuple(jnp.where(now.is_first, a, b) for a, b in zip(before.v, v, strict=True))
     free, groups = system.free_accelerations(forces), list[SeenGroup]()
     for kind, y, flow in zip(system.joints, moved, flows, strict=True):

@@ -27,19 +27,19 @@ def test_runs_and_their_derivatives_are_those_of_the_reference(name):
 def test_both_faces_are_hit_again_and_again_within_one_step():
     """By Newton's law, against the sum of the flights between the walls."""
     restitution, left, right, step = 0.7, 0.0015, 0.002, 0.04
-    start = start_of(jp.Newton(restitution), 1.0, [right, left], 0.5)
-    end = jax.jit(lambda x: follow(step, SLOTS, x, ((0, 1), (0, -1))))(start)
+    start = start_of(jp.Newton(restitution), 1.0, [right, left], 0.5, gaps=((0, 1), (0, -1)))
+    end = jax.jit(lambda x: follow(step, SLOTS, x))(start)
     place, speed, time, touches = right, 1.0, right, [0, 0]
     while time < step:
         touches[int(place < 0)] += 1
         speed, other = restitution * speed, -left if place > 0 else right
         begin, place, time = (place, time), other, time + (left + right) / speed
     position = begin[0] + np.sign(place - begin[0]) * speed * (step - begin[1])
-    assert end.log.touches.tolist() == touches == [3, 2]
+    assert end.gaps.log.touches.tolist() == touches == [3, 2]
     assert float(end.closing[0]) == pytest.approx(position, rel=1e-10)
     np.testing.assert_allclose(np.abs(end.velocity), speed, rtol=1e-12)
-    assert float(end.lost.sum()) == pytest.approx(1 - speed**2, rel=1e-12)
-    assert (end.log.farthest[0], end.log.nearest[0]) == pytest.approx((right, -left), rel=1e-12)
+    assert float(end.gaps.lost_after.sum()) == pytest.approx(1 - speed**2, rel=1e-12)
+    assert (end.turns.farthest[0], end.turns.nearest[0]) == pytest.approx((right, -left), rel=1e-12)
 
 
 @pytest.mark.parametrize("next_floor", [jp.GROUND, None])

@@ -12,8 +12,8 @@ from jax import lax
 from jaxpound._extrema import larger
 from jaxpound.model.contact import Newton
 from jaxpound.simulation.contact import records
-from jaxpound.simulation.contact.forces import Constants, Forces, Regime, law_forces, times
-from jaxpound.simulation.contact.records import APART, PRESSED, REST, Contact, StepLog
+from jaxpound.simulation.contact.forces import Constants, Forces, Regime, law_forces
+from jaxpound.simulation.contact.records import APART, PRESSED, REST, Contact, StepLog, Turns, times
 from jaxpound.simulation.contact.substeps import SmoothState
 
 _REBOUNDS = 1e-2  # rebounds that would all be over within this share of a step end at once
@@ -22,34 +22,23 @@ _AHEAD = 1e-6  # share of a step after which a force shows its sign
 _COUNTS = 1e-4  # share of the fastest approach below which a touch is no impact
 
 
-class Snapshot(NamedTuple):
-    """The state of a flow in the middle of the step, as far as results need it."""
-
-    y: SmoothState
-    slip: jax.Array
-    contact: Contact
-    log: StepLog
-
-
 class FlowState(NamedTuple):
-    """The state of a flow."""
+    """The joints and gaps in a flow, and what has happened to them in it."""
 
     y: SmoothState
     slip: jax.Array  # direction of slip of each joint, 0 in stick
     contact: Contact  # its impulse is that of ``y``
     rising: jax.Array  # 1 while the contact force of a gap grows
-    middle: Snapshot
     log: StepLog
-    ended: jax.Array  # 1 at the end of the step
-    iterations: jax.Array
-    length: jax.Array  # of the substep to try
-    usual: jax.Array  # length that the error allows
-    rejected: jax.Array  # 1 if the last substep was too long
 
     @property
     def regime(self) -> Regime:
         """What is constant until the next event."""
-        return Regime.of(self.slip, self.contact)
+        return Regime(self.slip, self.contact.mode, self.contact.touch_speed)
+
+    def with_gaps(self, **entries: Any) -> FlowState:
+        """The state with other entries in the log of the gaps."""
+        return self._replace(log=self.log._replace(gaps=self.log.gaps._replace(**entries)))
 
 
 class Local(NamedTuple):
@@ -94,7 +83,7 @@ def _speed(at: Local, length: jax.Array) -> jax.Array:
 
 def _distance(constants: Constants, at: Local, length: jax.Array) -> jax.Array:
     """Size of the closings within a substep, by gap."""
-    return jnp.abs(constants.seen(jnp.abs(at.s) + length * _speed(at, length)))
+    return jnp.abs(constants.coupling.seen(jnp.abs(at.s) + length * _speed(at, length)))
 
 
 def _force(at: Local) -> jax.Array:
@@ -102,22 +91,23 @@ def _force(at: Local) -> jax.Array:
     return (jnp.abs(at.forces.total) + jnp.abs(at.forces.friction)).max()
 
 
-def gap_events(constants: Constants) -> list[Event]:
-    """The events of gaps that are possible; of two events at once the first happens.
+def possible(constants: Constants) -> list[tuple[Event, int]]:
+    """The events that are possible, with the number of joints or gaps of which each has a value.
 
-    Those of joints (``JOINT_EVENTS``) come before them.
+    Of two events at once the first happens.
     """
-    rigid, clips = constants.rigid, constants.clips
-    events = [_TOUCH] if rigid.size else []
-    events += [_LEAVE] if rigid.any() else []
-    events += [] if rigid.all() else [_RELEASE, _TOP]
-    return events + ([_CLIP] if clips.any() else [])
+    rigid, joints = constants.rigid, constants.mass.size
+    of_gaps = [_TOUCH] if rigid.size else []
+    of_gaps += [_LEAVE] if rigid.any() else []
+    of_gaps += [] if rigid.all() else [_RELEASE, _TOP]
+    of_gaps += [_CLIP] if constants.clips.any() else []
+    return [(_TURN, joints), (_BREAK, joints), *((event, rigid.size) for event in of_gaps)]
 
 
 def least_speed(constants: Constants, acceleration: Any = 0.0) -> jax.Array:
     """Touch speed of a contact that begins at rest, by gap, under the pull or an acceleration."""
     inputs = constants.inputs
-    most = jnp.abs(constants.seen(jnp.abs(inputs.pull) + jnp.abs(inputs.rise) / 2))
+    most = jnp.abs(constants.coupling.seen(jnp.abs(inputs.pull) + jnp.abs(inputs.rise) / 2))
     fastest = larger(jnp.abs(acceleration), most)
     return lax.stop_gradient(_SLOWEST * constants.h * fastest)
 
@@ -129,14 +119,14 @@ def since_middle(constants: Constants, x: FlowState) -> jax.Array:
 
 def _may_slide(constants: Constants, x: FlowState) -> jax.Array:
     """Joints that are not closed at rest."""
-    return ~constants.joints_where(x.contact.mode == REST)
+    return ~constants.coupling.joints_where(x.contact.mode == REST)
 
 
 def _turn(constants: Constants, x: FlowState, event: Occurrence) -> FlowState:
     """Slip ends: the joint sticks, or slides back at once where friction cannot stop it."""
     turns = event.where
     # Friction that reverses changes the acceleration by at most so much.
-    change = 2 * constants.inputs.friction / constants.mass
+    change = 2 * constants.coupling.frictions / constants.mass
     slides_back = x.slip * event.forces.acceleration < -change
     slip = jnp.where(turns, jnp.where(slides_back, -x.slip, 0.0), x.slip)
     x = _record_turns(constants, x, turns, slip)
@@ -161,20 +151,18 @@ def _break(constants: Constants, x: FlowState, event: Occurrence) -> FlowState:
 
 _BREAK = Event(
     # Not μ − |q|, which has a kink where q changes its sign.
-    value=lambda constants, x, at: constants.inputs.friction**2 - at.forces.friction**2,
+    value=lambda constants, x, at: constants.coupling.frictions**2 - at.forces.friction**2,
     armed=lambda constants, x, at: (x.slip == 0) & _may_slide(constants, x),
     scale=lambda constants, at, length: jnp.broadcast_to(_force(at) ** 2, at.s.shape),
     effect=_break,
     of_force=True,
 )
 
-JOINT_EVENTS = [_TURN, _BREAK]
-
 
 def _leave(constants: Constants, x: FlowState, event: Occurrence) -> FlowState:
     """A gap that was closed at rest opens: the reaction would have to pull."""
-    opens = constants.joints_where(event.where)
-    away = -constants.on_joints(jnp.where(event.where, 1.0, 0.0).astype(constants.dtype))
+    opens = constants.coupling.joints_where(event.where)
+    away = -constants.coupling.on_joints(event.where.astype(constants.dtype))
     return x._replace(
         slip=jnp.where(opens, away, x.slip),
         contact=_in_mode(x, event.where, APART),
@@ -184,7 +172,8 @@ def _leave(constants: Constants, x: FlowState, event: Occurrence) -> FlowState:
 
 _LEAVE = Event(  # friction can be −μ at the least, and the contact force 0
     value=lambda constants, x, at: (
-        constants.seen(at.forces.carried) + jnp.abs(constants.seen(constants.inputs.friction))
+        constants.coupling.seen(at.forces.carried)
+        + jnp.abs(constants.coupling.seen(constants.coupling.frictions))
     ),
     armed=lambda constants, x, at: x.contact.mode == REST,
     scale=lambda constants, at, length: jnp.broadcast_to(_force(at), at.growth.shape),
@@ -200,7 +189,7 @@ def _release(constants: Constants, x: FlowState, event: Occurrence) -> FlowState
 
 
 _RELEASE = Event(
-    value=lambda constants, x, at: constants.seen(at.s) - constants.inputs.sizes,
+    value=lambda constants, x, at: constants.coupling.seen(at.s) - constants.coupling.sizes,
     armed=lambda constants, x, at: x.regime.deformed,
     scale=_distance,
     effect=_release,
@@ -234,35 +223,35 @@ _TOP = Event(  # a substep ends where the force of a law is largest
 def _touch(constants: Constants, x: FlowState, event: Occurrence) -> FlowState:
     """A gap closes: contact begins under a law with a force, and is over at once under Newton's."""
     x, touches, now = _on_gap(constants, x, event), event.where, event.forces
-    contact, log, time = x.contact, x.log, since_middle(constants, x)
-    speed, zeros = constants.seen(x.y.w), jnp.zeros_like(contact.mode)
+    contact, log, time = x.contact, x.log.gaps, since_middle(constants, x)
+    speed, zeros = constants.coupling.seen(x.y.w), jnp.zeros_like(contact.mode)
     counts = touches & (speed > _COUNTS * contact.fastest) & (speed > 0)
     begun = Contact(
         mode=jnp.where(constants.rigid, contact.mode, PRESSED),
-        counts=jnp.where(counts, 1.0, zeros),
+        counts=counts.astype(constants.dtype),
         fastest=lax.stop_gradient(larger(contact.fastest, speed)),
-        touch_speed=larger(speed, least_speed(constants, constants.seen(now.acceleration))),
+        touch_speed=larger(
+            speed, least_speed(constants, constants.coupling.seen(now.acceleration))
+        ),
         touch_time=constants.clock.middle + time,
         impulse=zeros,
         peak_force=zeros,
     )
-    log = log._replace(
-        touched=larger(log.touched, jnp.where(touches, 1.0, 0.0)),
-        touches=log.touches + jnp.where(counts, 1.0, 0.0),
+    x = x.with_gaps(
+        touched=jnp.where(touches, 1.0, log.touched),
+        touches=log.touches + counts,
         first_touch=jnp.where(counts & (log.touches == 0), time, log.first_touch),
-    )
-    x = x._replace(
+    )._replace(
         y=x.y._replace(impulse=jnp.where(touches, 0.0, x.y.impulse)),
         contact=jax.tree.map(lambda new, old: jnp.where(touches, new, old), begun, contact),
         rising=jnp.where(touches, 1.0, x.rising),
-        log=log,
     )
     rigid = constants.rigid
     return _collide(constants, x, now, touches & rigid) if rigid.any() else x
 
 
 _TOUCH = Event(
-    value=lambda constants, x, at: constants.inputs.sizes - constants.seen(at.s),
+    value=lambda constants, x, at: constants.coupling.sizes - constants.coupling.seen(at.s),
     armed=lambda constants, x, at: x.contact.mode == APART,
     scale=_distance,
     effect=_touch,
@@ -275,12 +264,12 @@ def _collide(constants: Constants, x: FlowState, now: Forces, collides: jax.Arra
 
     A gap is put at rest when its remaining bounces would take less than 1 % of a step (Zeno).
     """
-    delassus, laws = constants.inputs.delassus, constants.inputs.laws
+    delassus, laws = constants.coupling.delassus, constants.coupling.laws
     values = [law.restitution if isinstance(law, Newton) else 1.0 for law in laws]
     restitution = jnp.stack([jnp.asarray(e, constants.dtype) for e in values])
-    mass = jnp.abs(constants.seen(constants.mass))
-    speed, pull_in = constants.seen(x.y.w), constants.seen(now.acceleration)
-    pull_out = pull_in + 2 * jnp.abs(constants.seen(constants.inputs.friction)) / mass
+    mass = jnp.abs(constants.coupling.seen(constants.mass))
+    speed, pull_in = constants.coupling.seen(x.y.w), constants.coupling.seen(now.acceleration)
+    pull_out = pull_in + 2 * jnp.abs(constants.coupling.seen(constants.coupling.frictions)) / mass
     inward = jnp.where(pull_in > 0, pull_in, 1.0)
     outward = jnp.where(pull_in > 0, pull_out, 1.0)
     shrinkage = restitution * jnp.sqrt(inward / outward)
@@ -294,17 +283,17 @@ def _collide(constants: Constants, x: FlowState, now: Forces, collides: jax.Arra
     rebound = jnp.where(collides & ~rests, restitution * speed, 0.0)
     blow = jnp.where(collides, (speed + rebound) * mass, 0.0)
 
-    hit = constants.joints_where(collides)
-    back, blows = constants.on_joints(-rebound), constants.on_joints(blow)
+    hit = constants.coupling.joints_where(collides)
+    back, blows = constants.coupling.on_joints(-rebound), constants.coupling.on_joints(blow)
     w = jnp.where(hit, back, x.y.w - times(delassus, blows))
-    struck = (times(delassus, jnp.where(hit, 1.0, 0.0)) != 0) & ~hit
+    struck = (times(delassus, hit.astype(constants.dtype)) != 0) & ~hit
     slip = jnp.where(struck | hit, jnp.sign(w), x.slip)
-    slip = lax.stop_gradient(jnp.where(constants.joints_where(rests), 0.0, slip))
+    slip = lax.stop_gradient(jnp.where(constants.coupling.joints_where(rests), 0.0, slip))
     turned = hit | (struck & (x.slip != 0) & (slip != x.slip))
     x = _record_turns(constants, x, turned, slip)
     lost = x.y.lost + blow * (speed - rebound) / 2
     x = x._replace(y=x.y._replace(w=w, lost=lost, impulse=jnp.where(collides, blow, x.y.impulse)))
-    beside = (constants.seen(jnp.where(struck | hit, 1.0, 0.0)) != 0) & ~collides
+    beside = (constants.coupling.seen((struck | hit).astype(constants.dtype)) != 0) & ~collides
     raw, _ = law_forces(constants, x.y.s, w, x.regime)
     clips, rest = beside & constants.clips & x.regime.deformed, beside & (x.contact.mode == REST)
     mode = jnp.where(clips, jnp.where(raw < 0, records.CLIPPED, PRESSED), APART)
@@ -321,35 +310,34 @@ def _in_mode(x: FlowState, where: jax.Array, mode: Any) -> Contact:
 def _on_gap(constants: Constants, x: FlowState, event: Occurrence) -> FlowState:
     """The state with a gap exactly closed, if its joint has moved there."""
     moves = event.where & ~event.at_start
-    there = constants.on_joints(jnp.where(moves, constants.inputs.sizes, 0.0))
-    return x._replace(y=x.y._replace(s=jnp.where(constants.joints_where(moves), there, x.y.s)))
+    there = constants.coupling.on_joints(jnp.where(moves, constants.coupling.sizes, 0.0))
+    return x._replace(
+        y=x.y._replace(s=jnp.where(constants.coupling.joints_where(moves), there, x.y.s))
+    )
 
 
 def _end_impacts(constants: Constants, x: FlowState, ends: jax.Array) -> FlowState:
     """The state with the ends of impacts recorded."""
-    contact, log, impulse = x.contact, x.log, x.y.impulse
-    over = ends & (contact.counts > 0)
-    log = log._replace(
-        ended=log.ended + jnp.where(over, 1.0, 0.0),
-        strongest=jnp.where(over & (impulse > log.strongest), impulse, log.strongest),
-        powers=log.powers + jnp.where(over, contact.peak_force**records.SOFT, 0.0),
-    )
+    contact, log, impulse = x.contact, x.log.gaps, x.y.impulse
+    over, impacts = ends & (contact.counts > 0), log.impacts
     if constants.slots:
-        slot = over[:, None] & (jnp.arange(constants.slots)[None] == x.log.ended[:, None])
+        slot = over[:, None] & (jnp.arange(constants.slots)[None] == log.ended[:, None])
         time = constants.clock.middle + since_middle(constants, x)
-        impacts = records.Impacts(
+        ended = records.Impacts(
             touch_time=contact.touch_time,
             approach_velocity=contact.touch_speed,
             end_time=jnp.broadcast_to(time, impulse.shape),
-            rebound_velocity=-constants.seen(x.y.w),
+            rebound_velocity=-constants.coupling.seen(x.y.w),
             impulse=impulse,
             peak_force=contact.peak_force,
         )
-        recorded = jax.tree.map(
-            lambda new, old: jnp.where(slot, new[:, None], old), impacts, log.impacts
-        )
-        log = log._replace(impacts=recorded)
-    return x._replace(log=log)
+        impacts = jax.tree.map(lambda new, old: jnp.where(slot, new[:, None], old), ended, impacts)
+    return x.with_gaps(
+        ended=log.ended + over,
+        strongest=jnp.where(over & (impulse > log.strongest), impulse, log.strongest),
+        powers=log.powers + jnp.where(over, contact.peak_force**records.SOFT, 0.0),
+        impacts=impacts,
+    )
 
 
 def _with_change(constants: Constants, x: FlowState, changes: jax.Array) -> StepLog:
@@ -362,18 +350,17 @@ def _record_turns(
     constants: Constants, x: FlowState, turned: jax.Array, slip: jax.Array
 ) -> FlowState:
     """The state with closings recorded where velocities of joints vanished or reversed."""
-    log, s = _with_change(constants, x, slip != x.slip), x.y.s
-    turned_before = turned & (log.turns > 0)
-    farther, nearer = turned & (s > log.farthest), turned & (s < log.nearest)
-    path, time = jnp.abs(s - log.last_turn), since_middle(constants, x)
-    log = log._replace(
-        turns=larger(log.turns, jnp.where(turned, 1.0, 0.0)),
-        first_turn=jnp.where(turned & (log.turns == 0), s, log.first_turn),
-        last_turn=jnp.where(turned, s, log.last_turn),
-        between=log.between + jnp.where(turned_before, path, 0.0),
-        farthest=jnp.where(farther, s, log.farthest),
-        farthest_time=jnp.where(farther, time, log.farthest_time),
-        nearest=jnp.where(nearer, s, log.nearest),
-        nearest_time=jnp.where(nearer, time, log.nearest_time),
+    turns, s, time = x.log.turns, x.y.s, since_middle(constants, x)
+    had_turned, path = turns.exist > 0, jnp.abs(s - turns.last)
+    farther, nearer = turned & (s > turns.farthest), turned & (s < turns.nearest)
+    turns = Turns(
+        exist=jnp.where(turned, 1.0, turns.exist),
+        first=jnp.where(turned & ~had_turned, s, turns.first),
+        last=jnp.where(turned, s, turns.last),
+        between=turns.between + jnp.where(turned & had_turned, path, 0.0),
+        farthest=jnp.where(farther, s, turns.farthest),
+        farthest_time=jnp.where(farther, time, turns.farthest_time),
+        nearest=jnp.where(nearer, s, turns.nearest),
+        nearest_time=jnp.where(nearer, time, turns.nearest_time),
     )
-    return x._replace(log=log)
+    return x._replace(log=_with_change(constants, x, slip != x.slip)._replace(turns=turns))

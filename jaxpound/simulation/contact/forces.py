@@ -1,7 +1,6 @@
 """Forces in joints that share masses, and in their gaps, at an instant.
 
-A joint has one closing s. Each of its gaps is on a side σ = ±1 of it, and sees the closing σ s; a
-contact force p in the gap adds σ p to the force on the joint.
+A contact force p in a gap on the side σ = ±1 of its joint adds σ p to the force on the joint.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ from jaxpound.simulation.contact.records import (
     PRESSED,
     REST,
     Clock,
-    Contact,
+    Coupling,
     FlowInput,
-    Gaps,
     is_deformed,
+    times,
 )
 
 _STATIC = {"static": True}
@@ -37,11 +36,6 @@ class Regime(NamedTuple):
     slip: jax.Array  # direction of slip of each joint, 0 in stick
     mode: jax.Array  # of contact in each gap
     touch_speed: jax.Array  # of the contact under way
-
-    @staticmethod
-    def of(slip: jax.Array, contact: Contact) -> Regime:
-        """The regime of joints that slip in a direction, and of contact in their gaps."""
-        return Regime(slip, contact.mode, contact.touch_speed)
 
     @property
     def deformed(self) -> jax.Array:
@@ -76,58 +70,46 @@ class Constants:
     mass: jax.Array  # effective mass of each joint's ends, (n,)
     h: float = field(metadata=_STATIC)
     slots: int = field(metadata=_STATIC)  # impacts recorded for each gap
-    sides: np.ndarray | None = field(metadata=_STATIC)  # σ, (g, n); None if it is 1 (n, n)
     rigid: np.ndarray = field(metadata=_STATIC)  # gaps with Newton's law
     clips: np.ndarray = field(metadata=_STATIC)  # gaps whose law has a force that must not pull
-    has_resistance: bool = field(metadata=_STATIC)  # whether a friction grows with the velocity
     are_linear: bool = field(metadata=_STATIC)
 
     @staticmethod
-    def of(h: float, slots: int, gaps: Gaps, inputs: FlowInput, clock: Clock) -> Constants:
+    def of(h: float, slots: int, inputs: FlowInput, clock: Clock) -> Constants:
         """The constants of a flow."""
-        laws = [None if isinstance(law, Newton) else law for law in inputs.laws]
-        joints, sides = np.arange(inputs.closing.size), np.array(gaps, int).reshape(-1, 2).T
-        matrix = np.where(sides[0][:, None] == joints, sides[1][:, None], 0)
-        has_resistance = any(law is not None for law in inputs.resistances)
+        coupling = inputs.coupling
+        laws = [None if isinstance(law, Newton) else law for law in coupling.laws]
+        linear = all(law is None or is_linear(law) for law in laws)
         return Constants(
             inputs=inputs,
             clock=clock,
             laws=laws,
-            mass=1 / jnp.diagonal(inputs.delassus),
+            mass=1 / jnp.diagonal(coupling.delassus),
             h=h,
             slots=slots,
-            sides=None if np.array_equal(matrix, np.eye(joints.size)) else matrix,
             rigid=np.array([law is None for law in laws], bool),
             clips=np.array([law is not None and not may_pull(law) for law in laws], bool),
-            has_resistance=has_resistance,
-            are_linear=not has_resistance and all(law is None or is_linear(law) for law in laws),
+            are_linear=linear and not coupling.has_resistance,
         )
+
+    @property
+    def coupling(self) -> Coupling:
+        """The joints and their gaps."""
+        return self.inputs.coupling
 
     @property
     def dtype(self) -> Any:
         """Type of all numbers."""
         return self.inputs.closing.dtype
 
-    def seen(self, y: jax.Array) -> jax.Array:
-        """Closings or velocities of joints as their gaps see them."""
-        return y if self.sides is None else times(self.sides.astype(y.dtype), y)
-
-    def on_joints(self, y: jax.Array) -> jax.Array:
-        """Forces or positions of gaps, as their joints see them."""
-        return y if self.sides is None else times(self.sides.T.astype(y.dtype), y)
-
-    def joints_where(self, holds: jax.Array) -> jax.Array:
-        """Joints of which something holds in a gap."""
-        return holds if self.sides is None else ((self.sides.T != 0) & holds[None]).any(-1)
-
     def held(self, regime: Regime) -> jax.Array:
         """Joints whose closing cannot change: in stick, or at rest in contact."""
         held = regime.slip == 0
-        return held | self.joints_where(regime.mode == REST) if self.rigid.any() else held
+        return held | self.coupling.joints_where(regime.mode == REST) if self.rigid.any() else held
 
     def inverse(self, regime: Regime) -> jax.Array:
         """``held_inverse`` of the joints in a regime."""
-        return held_inverse(self.inputs.delassus, self.held(regime))
+        return held_inverse(self.coupling.delassus, self.held(regime))
 
 
 def largest_rate(constants: Constants) -> jax.Array:
@@ -142,9 +124,9 @@ def largest_rate(constants: Constants) -> jax.Array:
 
     laws = lax.stop_gradient(constants.laws)
     slopes = [(zero, zero) if law is None else slopes_of(law) for law in laws]
-    delassus = jnp.abs(constants.inputs.delassus)
-    if constants.sides is not None:
-        joints = constants.sides.nonzero()[1]
+    delassus = jnp.abs(constants.coupling.delassus)
+    if constants.coupling.sides is not None:
+        joints = np.array([joint for joint, _ in constants.coupling.gaps])
         delassus = delassus[np.ix_(joints, joints)]
     weights = [jnp.sqrt(jnp.abs(jnp.stack(by_gap))) for by_gap in zip(*slopes, strict=True)]
     stiffness, damping = (
@@ -164,8 +146,9 @@ def law_forces(
         return (jnp.zeros(len(constants.laws), constants.dtype),) * 2
     whole = [jnp.zeros((), constants.dtype)] * len(constants.laws)
     elastic = whole.copy()
-    depths = jnp.where(regime.deformed, constants.seen(s) - constants.inputs.sizes, 0.0)
-    speeds = constants.seen(w)
+    coupling = constants.coupling
+    depths = jnp.where(regime.deformed, coupling.seen(s) - coupling.sizes, 0.0)
+    speeds = coupling.seen(w)
     for j, law in enumerate(constants.laws):
         if law is not None:
             depth, speed, touch_speed = depths[j], speeds[j], regime.touch_speed[j]
@@ -187,23 +170,23 @@ def force_growth(
 
 def forces_at(constants: Constants, motion: Motion, regime: Regime, inverse: jax.Array) -> Forces:
     """The forces at an instant; ``inverse`` is that of the joints in this regime."""
-    inputs, (t, s, w) = constants.inputs, motion
+    inputs, coupling, (t, s, w) = constants.inputs, constants.coupling, motion
     pull = inputs.pull + inputs.rise * (t / constants.h - 0.5)
     raw, elastic = law_forces(constants, s, w, regime)
     elastic = jnp.where(regime.deformed, elastic, 0.0)
     contact = jnp.where(regime.mode == PRESSED, raw, 0.0)
-    pressed, held = constants.on_joints(contact), constants.held(regime)
-    sliding = inputs.friction * regime.slip
-    if constants.has_resistance:
-        sliding += _resistance(inputs.resistances, w, regime.slip)
-    acceleration, total = response(inputs.delassus, inverse, held, pull, sliding + pressed)
+    pressed, held = coupling.on_joints(contact), constants.held(regime)
+    sliding = coupling.frictions * regime.slip
+    if coupling.has_resistance:
+        sliding += _resistance(coupling.resistances, w, regime.slip)
+    acceleration, total = response(coupling.delassus, inverse, held, pull, sliding + pressed)
     carried = friction = jnp.where(held, total - pressed, sliding)
     if constants.rigid.any():
         rest = regime.mode == REST
-        most = smaller(jnp.abs(carried), inputs.friction)
+        most = smaller(jnp.abs(carried), coupling.frictions)
         limited = jnp.sign(carried) * most
-        friction = jnp.where(constants.joints_where(rest), limited, carried)
-        contact = jnp.where(rest, constants.seen(carried - friction), contact)
+        friction = jnp.where(coupling.joints_where(rest), limited, carried)
+        contact = jnp.where(rest, coupling.seen(carried - friction), contact)
     return Forces(acceleration, friction, carried, total, contact, raw, elastic)
 
 
@@ -233,11 +216,6 @@ def response(
     return jnp.where(held, 0.0, pull - times(delassus, forces)), forces
 
 
-def times(matrix: Any, vector: jax.Array) -> jax.Array:
-    """Product of a small matrix and a vector, which is compiled as elementwise work is."""
-    return (matrix * vector[None]).sum(-1)
-
-
 def inverse_of(rows: jax.Array) -> jax.Array:
     """Inverse by elimination, which needs no pivoting for these; unrolled, as rows are few."""
     n = rows.shape[0]
@@ -249,16 +227,3 @@ def inverse_of(rows: jax.Array) -> jax.Array:
         other = (jnp.arange(n) != k)[:, None]
         work = jnp.where(other, work - work[:, k : k + 1] * pivot[None], pivot[None])
     return work[:, n:]
-
-
-def at_gaps(gaps: Gaps, y: jax.Array) -> jax.Array:
-    """Closings, velocities or accelerations of joints as the gaps see them, (g,)."""
-    return jnp.stack([side * y[joint] for joint, side in gaps])
-
-
-def at_joints(gaps: Gaps, holds: jax.Array, n: int) -> jax.Array:
-    """Joints, (n,), of which something holds for a gap."""
-    by_joint = [jnp.zeros((), bool)] * n
-    for (joint, _), of_gap in zip(gaps, holds, strict=True):
-        by_joint[joint] = by_joint[joint] | of_gap
-    return jnp.stack(by_joint)

@@ -27,7 +27,7 @@ from jax import lax
 from jaxpound._extrema import larger, smaller
 from jaxpound.simulation.contact import events, records
 from jaxpound.simulation.contact.dop853 import coefficients, error, weighted
-from jaxpound.simulation.contact.events import FlowState, Local, Occurrence, Snapshot, since_middle
+from jaxpound.simulation.contact.events import FlowState, Local, Occurrence, since_middle
 from jaxpound.simulation.contact.forces import (
     Constants,
     Forces,
@@ -36,9 +36,17 @@ from jaxpound.simulation.contact.forces import (
     force_growth,
     forces_at,
     largest_rate,
+)
+from jaxpound.simulation.contact.records import (
+    PRESSED,
+    FlowResult,
+    GapLog,
+    GapStep,
+    MidStep,
+    StepLog,
+    Turns,
     times,
 )
-from jaxpound.simulation.contact.records import PRESSED, FlowResult, MidStep, StepLog
 from jaxpound.simulation.contact.substeps import Integrated, PowerSeries, SmoothState, Substep
 from jaxpound.simulation.contact.zeros import first_zero
 
@@ -49,6 +57,18 @@ _NEWTON_STEPS = 3  # Newton steps to an event
 _SOON = 1e-3  # share of a substep within which a motion is that of its start
 _JUST = 1.001  # length of a substep that should end just beyond an event, in units of its time
 _ORDER, _LONGEST = 12, 0.8  # of a series, and of a substep by it in units of 1/rate
+
+
+class Progress(NamedTuple):
+    """How far a flow has come."""
+
+    now: FlowState
+    middle: FlowState  # in the middle of the step
+    ended: jax.Array  # whether it has reached the end of the step
+    iterations: jax.Array
+    length: jax.Array  # of the substep to try
+    usual: jax.Array  # length that the error allows
+    rejected: jax.Array  # whether the last substep was too long
 
 
 class _First(NamedTuple):
@@ -62,7 +82,7 @@ class _First(NamedTuple):
     rate: Local  # and their time derivatives
 
 
-def start(constants: Constants) -> FlowState:
+def start(constants: Constants) -> Progress:
     """The state in which a flow starts."""
     inputs, h = constants.inputs, constants.h
     # A load that has grown since a slow touch would creep: the law is too stiff for it.
@@ -75,45 +95,38 @@ def start(constants: Constants) -> FlowState:
     by_gap = jnp.broadcast_to(zero, contact.mode.shape)
     begin, s, w = constants.clock.begin + zero, inputs.closing, inputs.velocity
     y = SmoothState(begin, s, w, s * begin, by_gap, by_gap, contact.impulse)
-    slip = jnp.sign(lax.stop_gradient(w))
     slots = jnp.broadcast_to(zero, (by_gap.size, constants.slots))
-    log = StepLog(
-        **dict.fromkeys(records.JOINTS_LOG, by_joint),
-        **dict.fromkeys(records.GAPS_LOG, by_gap),
-        highest_forces=jnp.broadcast_to(zero, (by_gap.size, by_joint.size)),
-        impacts=records.Impacts(*[slots] * len(records.Impacts._fields)),
-    )._replace(
-        farthest=by_joint - jnp.inf,
-        nearest=by_joint + jnp.inf,
-        touched=_one_where(constants, contact.mode != records.APART),
-    )
-    return FlowState(
+    impacts = records.Impacts(*(slots,) * len(records.Impacts._fields))
+    touched = (contact.mode != records.APART).astype(constants.dtype)
+    highest_forces = jnp.broadcast_to(zero, (by_gap.size, by_joint.size))
+    gaps = GapLog(touched, *(by_gap,) * 7, highest_forces, impacts)
+    turns = Turns(*(by_joint,) * len(Turns._fields))
+    turns = turns._replace(farthest=by_joint - jnp.inf, nearest=by_joint + jnp.inf)
+    now = FlowState(
         y=y,
-        slip=slip,
+        slip=jnp.sign(lax.stop_gradient(w)),
         contact=contact,
-        rising=_one_where(constants, contact.mode == PRESSED),
-        middle=Snapshot(y, slip, contact, log),
-        log=log,
-        ended=zero,
-        iterations=zero.astype(int),
-        length=_longest(constants, Regime.of(slip, contact), h - begin),
-        usual=h / 2 + zero,
-        rejected=zero,
+        rising=(contact.mode == PRESSED).astype(constants.dtype),
+        log=StepLog(turns, by_joint, gaps),
     )
+    never = zero != 0
+    length = _longest(constants, now.regime, h - begin)
+    return Progress(now, now, never, zero.astype(int), length, h / 2 + zero, never)
 
 
-def unfinished(constants: Constants, x: FlowState) -> jax.Array:
+def unfinished(constants: Constants, flow: Progress) -> jax.Array:
     """Whether the flow has not reached the end of the step."""
-    finite = jnp.isfinite(x.y.flat).all() & jnp.isfinite(constants.inputs.pull).all()
-    return (x.ended < 1) & (x.iterations < _MOST_ITERATIONS) & finite
+    finite = jnp.isfinite(flow.now.y.flat).all() & jnp.isfinite(constants.inputs.pull).all()
+    return ~flow.ended & (flow.iterations < _MOST_ITERATIONS) & finite
 
 
-def advance(constants: Constants, x: FlowState) -> FlowState:
+def advance(constants: Constants, flow: Progress) -> Progress:
     """Try a substep: accept it, to its end or an event in it, or reject it as too long."""
-    h, regime, inverse = constants.h, x.regime, constants.inverse(x.regime)
+    h, x = constants.h, flow.now
+    regime, inverse = x.regime, constants.inverse(x.regime)
     begin = forces_at(constants, x.y.motion, regime, inverse)
     x = _with_highest(constants, x, begin)
-    substep, worst = _substep(constants, x, begin, inverse)
+    substep, worst = _substep(constants, x, flow.length, begin, inverse)
     # Which event is the first is not differentiated, only its instant.
     event = _first_event(*lax.stop_gradient((constants, x, substep, inverse)))
     y, local, rates = _located(constants, x, substep, event, inverse)
@@ -121,115 +134,93 @@ def advance(constants: Constants, x: FlowState) -> FlowState:
     backwards = y.t < x.y.t - _AT_ONCE * h
     is_none = event.is_none | (~event.at_start & backwards)
     wrong = ((worst > 1) & _is_limited(constants, regime)) | is_none
+    left = h / 2 - x.y.t
+    passes = ~wrong & (y.t >= h / 2) & (left > 0)
+    middle = x._replace(y=substep.at(jnp.where(passes, left, 0.0)))
     after = x._replace(
         y=jax.tree.map(partial(jnp.where, wrong), x.y, y),
-        middle=_middle(constants, x, substep, ~wrong & (y.t >= h / 2)),
-        rising=jnp.where(wrong, x.rising, _one_where(constants, local.growth > 0)),
-        iterations=x.iterations + 1,
+        rising=jnp.where(wrong, x.rising, local.growth > 0),
     )
-    happens = ~wrong & jnp.isfinite(event.time)
-    number = 0
-    for kinds, size in _tables(constants):
-        for kind in kinds:
-            where = happens & (event.number == number + np.arange(size))
-            occurrence = Occurrence(where, local.forces, rates.forces, event.at_start)
-            after = kind.effect(constants, after, occurrence)
-            number += size
-    ends = happens & (event.number == number)
-    after = after._replace(ended=after.ended + _one_where(constants, ends))
-    after = _with_next_length(constants, after, substep.length, event, worst, wrong, regime)
+    happens, number = ~wrong & jnp.isfinite(event.time), 0
+    for kind, size in events.possible(constants):
+        where = happens & (event.number == number + np.arange(size))
+        occurrence = Occurrence(where, local.forces, rates.forces, event.at_start)
+        after = kind.effect(constants, after, occurrence)
+        number += size
+    flow = flow._replace(
+        now=after,
+        middle=jax.tree.map(partial(jnp.where, passes), middle, flow.middle),
+        ended=flow.ended | (happens & (event.number == number)),
+        iterations=flow.iterations + 1,
+    )
+    flow = _with_next_length(constants, flow, substep.length, event, worst, wrong, regime)
     halved = lax.stop_gradient(substep.length / 2)
-    return after._replace(length=jnp.where(is_none, halved, after.length))
+    return flow._replace(length=jnp.where(is_none, halved, flow.length))
 
 
-def within(constants: Constants, x: FlowState, time: jax.Array) -> tuple[jax.Array, ...]:
+def within(constants: Constants, flow: Progress, time: jax.Array) -> tuple[jax.Array, ...]:
     """Time, and closings and contact forces of the gaps, a ``time`` after a substep's start."""
-    inverse = constants.inverse(x.regime)
+    x, inverse = flow.now, constants.inverse(flow.now.regime)
     begin = forces_at(constants, x.y.motion, x.regime, inverse)
-    y = _substep(constants, x, begin, inverse)[0].at(time)
+    y = _substep(constants, x, flow.length, begin, inverse)[0].at(time)
     forces = forces_at(constants, y.motion, x.regime, inverse)
-    return y.t, constants.seen(y.s), forces.contact
+    return y.t, constants.coupling.seen(y.s), forces.contact
 
 
-def result(constants: Constants, x: FlowState) -> FlowResult:
+def result(constants: Constants, flow: Progress) -> FlowResult:
     """The result of a flow from the state in which it ended."""
     # NaN in what the run goes on from makes all of its results NaN.
-    poison = jnp.where(x.ended > 0, 1.0, jnp.nan).astype(constants.dtype)
-    y, middle = jax.tree.map(lambda z: z * poison, (x.y, x.middle.y))
-    mode = x.contact.mode
-    unpressed = jnp.where(mode == PRESSED, records.CLIPPED, mode)
-    end = _forces(constants, y, x.regime._replace(mode=unpressed))
-    now, until_middle = _midstep(constants, x.middle._replace(y=middle))
-    until_end = x.contact._replace(impulse=y.impulse), y.stored, y.lost, x.log
-    contact, stored, lost, log = jax.tree.map(
-        partial(jnp.where, constants.clock.is_last), until_middle, until_end
+    poison = jnp.where(flow.ended, 1.0, jnp.nan).astype(constants.dtype)
+    end, middle = (
+        x._replace(y=jax.tree.map(lambda z: z * poison, x.y)) for x in (flow.now, flow.middle)
     )
+    y, at, mode = end.y, middle.y, end.contact.mode
+    unpressed = jnp.where(mode == PRESSED, records.CLIPPED, mode)
+    acceleration = _forces(constants, y, end.regime._replace(mode=unpressed)).acceleration
+    forces, held_now = _forces(constants, at, middle.regime), constants.held(middle.regime)
+    middle = middle.with_gaps(highest=larger(middle.log.gaps.highest, forces.contact))
+    peak = larger(middle.contact.peak_force, forces.contact)
+    middle = middle._replace(contact=middle.contact._replace(peak_force=peak))
+    last = jax.tree.map(partial(jnp.where, constants.clock.is_last), middle, end)
+    log = last.log.gaps._replace(touched=last.log.gaps.touched * poison)  # a failure is used
     return FlowResult(
         closing=y.s,
         velocity=y.w,
-        acceleration=end.acceleration,
-        held=_one_where(constants, constants.held(x.regime)),
+        acceleration=acceleration,
+        held=constants.held(end.regime).astype(constants.dtype),
         mean=y.area / constants.h,
-        contact=contact,
-        stored=stored,
-        lost=lost,
-        now=now,
-        log=log._replace(touched=log.touched * poison),  # so that a failure is used
+        now=MidStep(at.s, at.w, forces.friction, held_now.astype(constants.dtype)),
+        turns=last.log.turns,
+        change_time=last.log.change_time,
+        contact=last.contact._replace(impulse=last.y.impulse),
+        gaps=GapStep(forces.contact, at.stored, last.y.stored, at.lost, last.y.lost, log),
     )
-
-
-def _midstep(constants: Constants, middle: Snapshot) -> tuple[MidStep, tuple[Any, ...]]:
-    """The joints in the middle; and contact, its energies and the log until then."""
-    y, regime = middle.y, Regime.of(middle.slip, middle.contact)
-    forces, contact, log = _forces(constants, y, regime), middle.contact, middle.log
-    now = MidStep(
-        closing=y.s,
-        velocity=y.w,
-        friction=forces.friction,
-        held=_one_where(constants, constants.held(regime)),
-        contact_force=forces.contact,
-        stored=y.stored,
-        lost=y.lost,
-    )
-    peak = larger(contact.peak_force, forces.contact)
-    contact = contact._replace(impulse=y.impulse, peak_force=peak)
-    log = log._replace(highest=larger(log.highest, forces.contact))
-    return now, (contact, y.stored, y.lost, log)
-
-
-def _middle(constants: Constants, x: FlowState, substep: Substep, reached: jax.Array) -> Snapshot:
-    """The middle of the step: in this substep if it has ``reached`` the middle, or before."""
-    left = constants.h / 2 - x.y.t
-    passes = reached & (left > 0)
-    y = substep.at(jnp.where(passes, left, 0.0))
-    seen = Snapshot(y, x.slip, x.contact, x.log)
-    return jax.tree.map(partial(jnp.where, passes), seen, x.middle)
 
 
 def _with_next_length(
     constants: Constants,
-    after: FlowState,
+    flow: Progress,
     length: jax.Array,
     event: _First,
     worst: jax.Array,
     wrong: jax.Array,
     regime: Regime,
-) -> FlowState:
+) -> Progress:
     """The state with the length of the next substep to try."""
-    left = larger(constants.h - after.y.t, 0.0)
+    left, regime_after = larger(constants.h - flow.now.y.t, 0.0), flow.now.regime
     if constants.are_linear:
-        return after._replace(length=_longest(constants, after.regime, left))
+        return flow._replace(length=_longest(constants, regime_after, left))
     # Where a law is singular, as at touch, the error decreases slowly with the length.
     factor = 0.9 * larger(worst, 1e-8) ** jnp.where(wrong, -0.25, -0.125)
-    usual = length * jnp.clip(factor, 0.05, jnp.where(after.rejected > 0, 1.0, 4.0))
-    usual = jnp.minimum(jnp.where(wrong, usual, larger(usual, after.usual)), constants.h / 2)
-    usual = jnp.where(_is_limited(constants, regime), usual, after.usual)
-    tried = jnp.where(_is_limited(constants, after.regime), smaller(usual, left), left)
+    usual = length * jnp.clip(factor, 0.05, jnp.where(flow.rejected, 1.0, 4.0))
+    usual = jnp.minimum(jnp.where(wrong, usual, larger(usual, flow.usual)), constants.h / 2)
+    usual = jnp.where(_is_limited(constants, regime), usual, flow.usual)
+    tried = jnp.where(_is_limited(constants, regime_after), smaller(usual, left), left)
     # An event lies inside a rejected substep: retry with one that ends just past it.
     aims = wrong & (event.time < 0.9 * length) & ~event.at_start
     tried = jnp.where(aims, jnp.minimum(_JUST * event.time, left), tried)
     usual, tried = lax.stop_gradient((usual, tried))
-    return after._replace(usual=usual, length=tried, rejected=_one_where(constants, wrong))
+    return flow._replace(usual=usual, length=tried, rejected=wrong)
 
 
 def _longest(constants: Constants, regime: Regime, left: jax.Array) -> jax.Array:
@@ -244,7 +235,7 @@ def _longest(constants: Constants, regime: Regime, left: jax.Array) -> jax.Array
 def _is_limited(constants: Constants, regime: Regime) -> jax.Array:
     """Whether forces of laws limit the length of a substep: it is no cubic."""
     limited = regime.deformed.any()
-    if constants.has_resistance:
+    if constants.coupling.has_resistance:
         limited |= (regime.slip != 0).any()
     return limited
 
@@ -254,10 +245,10 @@ def _forces(constants: Constants, y: SmoothState, regime: Regime) -> Forces:
 
 
 def _substep(
-    constants: Constants, x: FlowState, begin: Forces, inverse: jax.Array
+    constants: Constants, x: FlowState, length: jax.Array, begin: Forces, inverse: jax.Array
 ) -> tuple[Substep, jax.Array]:
     """A substep, and its error in units of the tolerance."""
-    y, length, regime = x.y, x.length, x.regime
+    y, regime = x.y, x.regime
     if constants.are_linear:
         _, change = jax.linearize(lambda z: forces_at(constants, z, regime, inverse), y.motion)
         order = 4 if constants.rigid.all() else _ORDER
@@ -274,47 +265,45 @@ def _substep(
     slopes = jnp.broadcast_to(0 * y.flat, (len(stages), y.flat.size))
     entries = jnp.arange(len(stages)), (stages, stages.sum(1))
     slopes, _ = lax.scan(stage, slopes, entries)
-    return Integrated(y, length, slopes), _error(constants, x, begin, slopes)
+    substep = Integrated(y, length, slopes)
+    return substep, _error(constants, substep, regime, begin)
 
 
-def _error(constants: Constants, x: FlowState, begin: Forces, slopes: jax.Array) -> jax.Array:
+def _error(constants: Constants, substep: Integrated, regime: Regime, begin: Forces) -> jax.Array:
     """The largest error of an integrated substep in units of the tolerance."""
-    y, length, regime, eps = x.y, x.length, x.regime, jnp.finfo(constants.dtype).eps
+    y, length, slopes = substep
+    eps = jnp.finfo(constants.dtype).eps
     slopes, speed, a = lax.stop_gradient((slopes, y.w, begin.acceleration))
     change = weighted(jnp.asarray(coefficients().end, constants.dtype), slopes)
     end = speed + length * y.rebuilt(y.t, change).w
     speeds = larger(jnp.abs(speed), jnp.abs(end)) + length * jnp.abs(a)
     pressed = jnp.where(regime.mode == PRESSED, lax.stop_gradient(regime.touch_speed), 0.0)
-    speeds += jnp.abs(constants.on_joints(pressed)) + jnp.finfo(constants.dtype).tiny ** 0.5
+    speeds += (
+        jnp.abs(constants.coupling.on_joints(pressed)) + jnp.finfo(constants.dtype).tiny ** 0.5
+    )
     # A joint that has just broken away is as inexact as the accelerations that cancel in it.
-    delassus = constants.inputs.delassus
+    delassus = constants.coupling.delassus
     parts = jnp.abs(constants.inputs.pull) + times(jnp.abs(delassus), jnp.abs(begin.total))
     tolerance = 1e-9 if eps < 1e-10 else 1e-5
     sizes = tolerance * speeds + 8 * eps * length * lax.stop_gradient(parts)
     errors = y.rebuilt(y.t, error(slopes))
     # The rate of the stored energy has a kink where a clipped contact ends.
-    of_energy = errors.stored / jnp.abs(constants.seen(constants.mass * speeds * sizes))
+    of_energy = errors.stored / jnp.abs(constants.coupling.seen(constants.mass * speeds * sizes))
     worst = jnp.concatenate([larger(length * errors.w, errors.s) / sizes, of_energy]).max()
     return jnp.where(worst < 1e8, worst, 1e8)
 
 
 def _with_highest(constants: Constants, x: FlowState, now: Forces) -> FlowState:
     """The state with the largest contact force so far, of the step and of the impact."""
-    log, contact = x.log, x.contact
-    higher = now.contact > log.highest
-    log = log._replace(
-        highest=jnp.where(higher, now.contact, log.highest),
+    log, force = x.log.gaps, now.contact
+    higher = force > log.highest
+    x = x.with_gaps(
+        highest=jnp.where(higher, force, log.highest),
         highest_time=jnp.where(higher, since_middle(constants, x), log.highest_time),
         highest_forces=jnp.where(higher[:, None], now.total[None], log.highest_forces),
     )
-    peak = larger(contact.peak_force, now.contact)
-    return x._replace(log=log, contact=contact._replace(peak_force=peak))
-
-
-def _tables(constants: Constants) -> tuple[tuple[list[Any], int], ...]:
-    """The events of joints and of gaps, with the numbers of both, in the order of all values."""
-    joints, gaps = constants.mass.size, len(constants.laws)
-    return (events.JOINT_EVENTS, joints), (events.gap_events(constants), gaps)
+    peak = larger(x.contact.peak_force, force)
+    return x._replace(contact=x.contact._replace(peak_force=peak))
 
 
 def _values(
@@ -334,8 +323,8 @@ def _values(
         growth, bend = jax.jvp(partial(force_growth, constants, regime), (s, w, a), along)
 
     def values(local: Local) -> jax.Array:
-        kinds = events.JOINT_EVENTS + events.gap_events(constants)
-        return jnp.concatenate([kind.value(constants, x, local) for kind in kinds])
+        kinds = events.possible(constants)
+        return jnp.concatenate([kind.value(constants, x, local) for kind, _ in kinds])
 
     local, rate = Local(s, w, now, growth), Local(w, a, change, bend)
     return local, rate, *jax.jvp(values, (local,), (rate,))
@@ -346,7 +335,7 @@ def _first_event(
 ) -> _First:
     """The first event in a substep."""
     h, length = constants.h, substep.length
-    kinds = events.JOINT_EVENTS + events.gap_events(constants)
+    kinds, sizes = zip(*events.possible(constants), strict=True)
     motions = jax.tree.map(lambda *z: jnp.stack(z), x.y.motion, substep.at(length).motion)
     at_ends, rates, values, slopes = jax.vmap(lambda z: _values(constants, x, z, inverse))(motions)
 
@@ -357,7 +346,7 @@ def _first_event(
     begin, rate = jax.tree.map(lambda z: z[0], (at_ends, rates))
     armed = jnp.concatenate([kind.armed(constants, x, begin) for kind in kinds])
     of_force, may_return = (
-        np.concatenate([[getattr(k, name)] * n for table, n in _tables(constants) for k in table])
+        np.repeat([getattr(kind, name) for kind in kinds], sizes)
         for name in ("of_force", "may_return")
     )
     # A value below zero at the start, such as a gap at rest has by a correction, is the zero of
@@ -373,10 +362,12 @@ def _first_event(
     time = instants[number]
     # By its cubic a gap may close at once that opens, slowly at first, by the next derivatives.
     t, jerk = _SOON * length, rate.forces.acceleration
-    moved = constants.seen(begin.w + t / 2 * (begin.forces.acceleration + t / 3 * jerk))
-    rises = [kind.of_closing * moved > 0 for kind in events.gap_events(constants)]
-    never = jnp.zeros(len(events.JOINT_EVENTS) * begin.w.size, bool)
-    is_rise = jnp.concatenate([never, *rises, never[:1]])[number]
+    moved = constants.coupling.seen(begin.w + t / 2 * (begin.forces.acceleration + t / 3 * jerk))
+    rises = [
+        kind.of_closing * moved > 0 if kind.of_closing else jnp.zeros(size, bool)
+        for kind, size in zip(kinds, sizes, strict=True)
+    ]
+    is_rise = jnp.concatenate([*rises, jnp.zeros(1, bool)])[number]
     at_start = time <= _AT_ONCE * h
     return _First(time, number, at_start, at_start & is_rise, begin, rate)
 
@@ -407,7 +398,3 @@ def _located(
     time = jnp.where(event.at_start, 0.0, jnp.where(exists, event.time, length))
     first = time, x.y, event.begin, event.rate
     return lax.fori_loop(0, _NEWTON_STEPS, nearer, first)[1:]
-
-
-def _one_where(constants: Constants, holds: jax.Array) -> jax.Array:
-    return jnp.where(holds, 1.0, 0.0).astype(constants.dtype)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
 APART, PRESSED, CLIPPED, REST = 0.0, 1.0, 2.0, 3.0
 """Modes of contact in a gap. ``APART``: open. ``PRESSED``: force ≥ 0. ``CLIPPED``: the force would
@@ -32,23 +34,61 @@ class Contact(NamedTuple):
     peak_force: jax.Array  # so far
 
 
-Gaps = tuple[tuple[int, int], ...]
-"""The joint and the side of each gap: 1 if it closes as the joint's closing grows, −1 if it closes
-as that falls."""
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """Constants of a group of n joints, which share masses or are one, with g gaps of them.
+
+    A joint has one closing s. Each of its gaps is on a side σ of it: σ = 1 if the gap closes as s
+    grows, −1 if it closes as s falls.
+    """
+
+    delassus: Any  # G = C M⁻¹ Cᵀ, (n, n), or (1 + G b)⁻¹ G with inerters
+    frictions: Any  # μ, (n,)
+    resistances: tuple[Any, ...]  # what friction gains with the velocity, by joint, or None
+    sizes: Any  # ξ0, (g,)
+    laws: tuple[Any, ...]  # of contact for the effective masses, by gap
+    gaps: tuple[tuple[int, int], ...] = field(metadata={"static": True})  # joint and σ of each
+
+    @property
+    def has_resistance(self) -> bool:
+        """Whether a joint has friction that grows with the velocity, which needs every flow."""
+        return any(law is not None for law in self.resistances)
+
+    @property
+    def may_need_flow(self) -> bool:
+        """Whether a step of the group may need the local flow."""
+        return bool(self.gaps) or len(self.resistances) > 1 or self.has_resistance
+
+    @property
+    def sides(self) -> np.ndarray | None:
+        """Σ, the matrix of σ, (g, n); None if it is 1 (n, n)."""
+        joints = range(len(self.resistances))
+        rows = [[side * (joint == k) for k in joints] for joint, side in self.gaps]
+        sides = np.reshape(rows, (len(rows), len(joints))).astype(int)
+        return None if np.array_equal(sides, np.eye(len(joints))) else sides
+
+    def seen(self, y: jax.Array) -> jax.Array:
+        """Closings, velocities or accelerations of joints as their gaps see them, (g,)."""
+        return y if self.sides is None else times(self.sides.astype(y.dtype), y)
+
+    def on_joints(self, y: jax.Array) -> jax.Array:
+        """Forces or positions of gaps as their joints see them, (n,)."""
+        return y if self.sides is None else times(self.sides.T.astype(y.dtype), y)
+
+    def joints_where(self, holds: jax.Array) -> jax.Array:
+        """Joints of which something holds in a gap."""
+        return holds if self.sides is None else ((self.sides.T != 0) & holds[None]).any(-1)
 
 
 class FlowInput(NamedTuple):
-    """Inputs of a flow over a step of length h: n joints, and g gaps of them, also none."""
+    """Inputs of a flow over a step of length h."""
 
     closing: jax.Array  # s, (n,)
     velocity: jax.Array
     pull: jax.Array  # A in the middle of the step, (n,)
     rise: jax.Array  # change of A over the step
-    delassus: jax.Array  # G, (n, n)
-    friction: jax.Array  # μ, (n,)
-    resistances: tuple[Any, ...]  # what friction gains with the velocity, by joint, or None
-    sizes: jax.Array  # ξ0, (g,)
-    laws: tuple[Any, ...]  # of contact for the effective masses, by gap
+    coupling: Coupling
     contact: Contact  # (g,)
 
 
@@ -71,20 +111,22 @@ class Impacts(NamedTuple):
     peak_force: jax.Array
 
 
-class StepLog(NamedTuple):
-    """Events of a step; times from its middle."""
+class Turns(NamedTuple):
+    """Closings of joints, (n,) each, where their velocity vanished or reversed in a step."""
 
-    # Of the joints, (n,) each.
-    turns: jax.Array  # 1 if a velocity vanished or reversed
-    first_turn: jax.Array  # closing at the first turn
-    last_turn: jax.Array
-    between: jax.Array  # path from the first to the last
+    exist: jax.Array  # whether a velocity did so: 1 or 0 in a flow
+    first: jax.Array  # closing at the first turn
+    last: jax.Array
+    between: jax.Array  # path from the first turn to the last
     farthest: jax.Array  # largest closing at a turn
-    farthest_time: jax.Array
+    farthest_time: jax.Array  # from the middle of the step
     nearest: jax.Array  # smallest closing at a turn
     nearest_time: jax.Array
-    change_time: jax.Array  # when the direction of slip last changed
-    # Of the gaps, (g,) each.
+
+
+class GapLog(NamedTuple):
+    """What happens in gaps, (g,) each, in a step; times from its middle."""
+
     touched: jax.Array  # 1 if in contact at any time
     touches: jax.Array  # impacts that began
     first_touch: jax.Array  # when the first of them did
@@ -97,29 +139,38 @@ class StepLog(NamedTuple):
     impacts: Impacts
 
 
-JOINTS_LOG = StepLog._fields[:9]
-GAPS_LOG = StepLog._fields[9:17]
-"""Fields of a ``StepLog`` that are numbers of the joints, and of the gaps."""
+class StepLog(NamedTuple):
+    """Events of a step."""
+
+    turns: Turns
+    change_time: jax.Array  # when the direction of slip last changed, from the middle; (n,)
+    gaps: GapLog
+
+
+class GapStep(NamedTuple):
+    """The contact of gaps, (g,) each, in a step with a flow."""
+
+    force: jax.Array  # at t_m, the middle of the step
+    stored: jax.Array  # change of the energy stored in contact until t_m, and over the step
+    stored_after: jax.Array
+    lost: jax.Array  # energy lost by contact, likewise
+    lost_after: jax.Array
+    log: GapLog
 
 
 class MidStep(NamedTuple):
-    """The middle of the step."""
+    """The joints, (n,) each, in the middle of the step."""
 
-    # Of the joints, (n,) each.
     closing: jax.Array
     velocity: jax.Array
     friction: jax.Array
     held: jax.Array  # 1 where the closing cannot change: stick or rest
-    # Of the gaps, (g,) each.
-    contact_force: jax.Array
-    stored: jax.Array  # change of the energy stored in contact until then
-    lost: jax.Array  # lost by contact until then
 
 
 class FlowResult(NamedTuple):
     """Result of a flow.
 
-    Where the run ends in mid-step, contact, energies and the log are those until then.
+    Where the run ends in mid-step, contact, energies and events are those until then.
     """
 
     # Of the joints, (n,) each.
@@ -128,9 +179,13 @@ class FlowResult(NamedTuple):
     acceleration: jax.Array  # at the end, without the force of a contact law
     held: jax.Array  # 1 where the closing cannot change at the end: stick or rest
     mean: jax.Array  # mean closing over the step
-    # Of the gaps, (g,) each.
-    contact: Contact  # at the end
-    stored: jax.Array  # change of the energy stored in contact
-    lost: jax.Array  # lost by contact
     now: MidStep
-    log: StepLog
+    turns: Turns
+    change_time: jax.Array  # when the direction of slip last changed
+    contact: Contact  # at the end, (g,)
+    gaps: GapStep
+
+
+def times(matrix: Any, vector: jax.Array) -> jax.Array:
+    """Product of a small matrix and a vector, which is compiled as elementwise work is."""
+    return (matrix * vector[None]).sum(-1)

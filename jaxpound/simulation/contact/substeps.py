@@ -32,7 +32,7 @@ class SmoothState(NamedTuple):
 
     def rates(self, constants: Constants, now: Forces) -> SmoothState:
         """The derivatives by time."""
-        speed = constants.seen(self.w)
+        speed = constants.coupling.seen(self.w)
         lost = (now.contact - now.elastic) * speed
         work = now.elastic * speed, lost, now.contact
         return SmoothState(jnp.ones_like(self.t), self.w, now.acceleration, self.s, *work)
@@ -81,12 +81,12 @@ class PowerSeries(NamedTuple):
             t, s, w = motion
             forces = change(motion)
             ahead = 0 * t, length * w / (k + 1), length * forces.acceleration / (k + 1)
-            return ahead, (s, w, constants.seen(w), forces.contact, forces.elastic)
+            return ahead, (s, w, constants.coupling.seen(w), forces.contact, forces.elastic)
 
         powers = jnp.arange(1.0, order + 1).astype(y.s.dtype)
         first = length, length * y.w, length * begin.acceleration
         _, rest = lax.scan(power, first, powers)
-        start = y.s, y.w, constants.seen(y.w), begin.contact, begin.elastic
+        start = y.s, y.w, constants.coupling.seen(y.w), begin.contact, begin.elastic
         rates = (jnp.concatenate([x[None], z[:-1]]) for x, z in zip(start, rest, strict=True))
         s_rate, _, speed, contact, elastic = rates
         works = _product(jnp.stack([elastic, contact - elastic], 1), speed[:, None])

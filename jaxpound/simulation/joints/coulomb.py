@@ -14,22 +14,7 @@ import jax.numpy as jnp
 
 from jaxpound._extrema import larger, smaller
 from jaxpound._xla.derivatives import recomputed
-
-
-class SlipStick(NamedTuple):
-    """A step of a link with Coulomb friction; see ``LinkMotion`` for fields of the same name."""
-
-    velocity: jax.Array  # w at t_m + h/2
-    resistance: jax.Array  # R q at t_m
-    velocity_now: jax.Array
-    jump: jax.Array
-    turns: jax.Array  # 1 or 0
-    turn_time: jax.Array
-    turn: jax.Array
-    before: jax.Array  # R q just before the turn, and just after it
-    after: jax.Array
-    phase: jax.Array
-    change_time: jax.Array
+from jaxpound.simulation.joints.motion import LinkMotion
 
 
 class _Events(NamedTuple):
@@ -115,7 +100,7 @@ def _events(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> _Events:
     return _Events(*until_stop, *from_stop, slipping, ~slipping & rests)
 
 
-def _outcome(e: _Events, h: Any) -> SlipStick:
+def _outcome(e: _Events, h: Any) -> LinkMotion:
     # Without friction (hold = 0) the link never sticks, not even at rest. The reversal's impulse is
     # zero then, but its derivative by hold is not.
     turned = h * (e.speed + e.a - e.hold * (e.theta + e.after * (1 - e.theta)))
@@ -128,16 +113,15 @@ def _outcome(e: _Events, h: Any) -> SlipStick:
 
     # At θ the relative acceleration jumps, by s = (θ − ½) h away from t_m.
     s = h * e.late
-    return SlipStick(
+    return LinkMotion(
         velocity=e.way * w_new,
-        resistance=e.way * jnp.where(e.slipping, e.hold, resistance),
+        force=e.way * jnp.where(e.slipping, e.hold, resistance),
         velocity_now=e.way * jnp.where(e.hold > 0, w_now, turned_now),
         jump=e.way * jnp.where(e.solves, e.released * s**2 / 2, 0.0),
         turns=e.solves.astype(s.dtype),
         turn_time=s,
         turn=-e.way * e.bend * s**2 / 2,
-        before=e.way * e.hold,
-        after=e.way * _held(e.a_stop, e.hold, e.a_stop, e.hold),
+        turn_forces=(e.way * e.hold, e.way * _held(e.a_stop, e.hold, e.a_stop, e.hold)),
         phase=e.way * jnp.where(e.stops, jnp.sign(w_new), 1.0),
         change_time=jnp.where(e.breaks, h * (0.5 - e.left), s),
     )
@@ -156,7 +140,7 @@ def _held(a: jax.Array, hold: jax.Array, of_a: jax.Array, of_hold: jax.Array) ->
     return jnp.where(jnp.abs(a) < hold, of_a, jnp.sign(a) * of_hold)
 
 
-def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> SlipStick:
+def _changes(e: _Events, out: LinkMotion, tangents: tuple[Any, ...], h: Any) -> LinkMotion:
     """Derivatives along (w, pull, rise, hold), in fewer operations than by differentiation."""
     d_speed, d_a, d_d = (e.way * tangent for tangent in tangents[:3])
     d_speed, d_hold = d_speed / h, tangents[3]
@@ -193,23 +177,22 @@ def _changes(e: _Events, out: SlipStick, tangents: tuple[Any, ...], h: Any) -> S
     d_bend = d_a - jnp.where(e.slips_first, d_hold, 0.0) + 2 / 3 * (late * d_d + d * d_theta)
     fall = after * (d_a + (0.5 - e.left) * d_d) - d_hold
     d_left = fall / jnp.where(e.breaks, jnp.abs(d), 1.0)
-    return SlipStick(
+    return LinkMotion(
         velocity=e.way * velocity,
-        resistance=e.way * jnp.where(e.slipping, d_hold, resistance),
+        force=e.way * jnp.where(e.slipping, d_hold, resistance),
         velocity_now=e.way * velocity_now,
         jump=e.way * jnp.where(e.solves, jump, 0.0),
         turns=jnp.zeros_like(s),
         turn_time=h * d_theta,
         turn=-e.way * (d_bend * s**2 / 2 + e.bend * s * h * d_theta),
-        before=e.way * d_hold,
-        after=e.way * _held(e.a_stop, e.hold, d_stop, d_hold),
+        turn_forces=(e.way * d_hold, e.way * _held(e.a_stop, e.hold, d_stop, d_hold)),
         phase=jnp.zeros_like(s),
         change_time=h * jnp.where(e.breaks, -d_left, d_theta),
     )
 
 
-def slip_stick(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> SlipStick:
-    """A step of length h, from the slip velocity w at its beginning.
+def slip_stick(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> LinkMotion:
+    """A step of length h, from the slip velocity w at its beginning; forces are R q, turns 1 or 0.
 
     Reverse mode keeps the four arguments of each step and finds its events again: to store their
     many intermediates, or all derivatives, takes longer.
@@ -218,12 +201,12 @@ def slip_stick(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> SlipStick:
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(4,))
-def _step(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> SlipStick:
+def _step(w: Any, pull: Any, rise: Any, hold: Any, h: Any) -> LinkMotion:
     return _outcome(_events(w, pull, rise, hold, h), h)
 
 
 @_step.defjvp
-def _step_jvp(h: Any, primals: Any, tangents: Any) -> tuple[SlipStick, SlipStick]:
+def _step_jvp(h: Any, primals: Any, tangents: Any) -> tuple[LinkMotion, LinkMotion]:
     w, pull, rise, hold = primals
     events = _events(w, pull, rise, hold, h)
     out = _outcome(events, h)

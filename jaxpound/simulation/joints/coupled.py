@@ -7,24 +7,23 @@ of a group takes seconds to compile, here once instead of for every group; it ru
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from jaxpound._xla.alike import by_kind, stacked, unstacked
-from jaxpound._xla.derivatives import kept
 from jaxpound.model.contact import with_mass
 from jaxpound.model.ends import along, less_ground
 from jaxpound.model.joint import Joint
 from jaxpound.model.system import System
-from jaxpound.simulation.contact.forces import inverse_of, times
-from jaxpound.simulation.contact.records import Contact, FlowResult
+from jaxpound.simulation.contact.forces import inverse_of
+from jaxpound.simulation.contact.records import Contact, Coupling, GapStep, times
 from jaxpound.simulation.joints import group as functions
 from jaxpound.simulation.joints.friction import FrictionLaw
-from jaxpound.simulation.joints.group import Coupling, Flow, Gaps
+from jaxpound.simulation.joints.group import Flow
 from jaxpound.simulation.state import (
-    GapStep,
     Inertia,
     JointState,
     Jump,
@@ -32,7 +31,6 @@ from jaxpound.simulation.state import (
     Moved,
     Now,
     SeenGroup,
-    link_instants,
 )
 
 
@@ -48,9 +46,10 @@ class Inerters(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Joints that share masses, directly or through other joints."""
+    """Joints that share masses, directly or through other joints, or a joint alone."""
 
     joints: tuple[Joint, ...]
+    links: tuple[int, ...]  # of the gaps
     shares: dict[int, jax.Array]  # by mass its row, (n,), of S = M⁻¹ Cᵀ G⁻¹
     influence: tuple[Any, ...]  # C ι, by joint
     has_inerter: tuple[bool, ...]  # by joint
@@ -60,8 +59,6 @@ class Coupled(NamedTuple):
     """Groups of one shape, each of n joints and g gaps; several have arrays with a leading axis."""
 
     of: tuple[Group, ...]
-    gaps: Gaps  # the same of all
-    links: tuple[tuple[int, ...], ...]  # of the gaps, by group
     coupling: Coupling
     inerters: Inerters | None
 
@@ -85,9 +82,13 @@ class Coupled(NamedTuple):
     def start(self, zero: jax.Array, x: Sequence[Any], v: Sequence[Any]) -> JointState:
         """Their state at the start of a run."""
         closing, velocity = (self.along([zero + z for z in y]) for y in (x, v))
-        rest, shape = 0 * closing, (*closing.shape[:-1], len(self.gaps))
+        rest = 0 * closing
+        state = JointState(closing, velocity, jax.lax.stop_gradient(rest), rest)
+        if not self.coupling.may_need_flow:
+            return state
+        shape = *closing.shape[:-1], len(self.coupling.gaps)
         apart = Contact(*(jnp.broadcast_to(zero, shape),) * len(Contact._fields))
-        return JointState(closing, velocity, jax.lax.stop_gradient(rest), rest, closing, apart)
+        return state._replace(half=closing, contact=apart)
 
     def along(self, y: Sequence[Any]) -> jax.Array:
         """C y: closings, velocities or accelerations of the joints from those of the masses."""
@@ -110,25 +111,29 @@ class Coupled(NamedTuple):
             for mass, share in group.shares.items():
                 y[mass] = y[mass] + (share * closings).sum()
 
-    def flow(self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int) -> Flow:
-        """The joints after their local flow."""
+    def stop(self, v: list[Any], stop: Any) -> None:
+        """Add to velocities of masses what the last end of a joint makes alone of its change."""
+        for group, changes in zip(self.of, self._by_group(stop), strict=True):
+            for joint, change in zip(group.joints, changes, strict=True):
+                mass, weight = joint.ends[-1]
+                v[mass] = v[mass] + change / weight
 
-        def run(coupling: Coupling, before: JointState, pull: jax.Array) -> Any:
-            return functions.run_flow(coupling, self.gaps, before, pull, now, h, slots)
-
-        def samples(result: FlowResult, used: jax.Array, before: JointState) -> Any:
-            return functions.samples(result, used, before, now, h)
-
-        result, used = kept(self._map(run, self.coupling, before, pull))
-        return Flow(pull, result, used, *self._map(samples, result, used, before))
+    def flow(
+        self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int
+    ) -> Flow | None:
+        """The joints after their local flow; None where none ever needs one."""
+        if not self.coupling.may_need_flow:
+            return None
+        follow = partial(functions.followed, now=now, h=h, slots=slots)
+        moved: Flow = self._map(follow, self.coupling, before, pull)
+        return moved
 
     def needs_flow(self, before: JointState, pull: jax.Array, now: Now, h: float) -> jax.Array:
         """Whether any group needs its local flow."""
-
-        def needs(coupling: Coupling, before: JointState, pull: jax.Array) -> jax.Array:
-            return functions.is_flow_needed(coupling, self.gaps, before, pull, now, h)
-
-        return jnp.ravel(self._map(needs, self.coupling, before, pull)).any()
+        if not self.coupling.may_need_flow:
+            return jnp.zeros((), bool)
+        needed = partial(functions.is_flow_needed, now=now, h=h)
+        return jnp.ravel(self._map(needed, self.coupling, before, pull)).any()
 
     def after(
         self,
@@ -140,37 +145,33 @@ class Coupled(NamedTuple):
         h: float,
     ) -> Moved:
         """The joints after a step."""
-
-        def finish(coupling: Coupling, before: JointState, pull: jax.Array, *flow: Any) -> Moved:
-            motion = functions.motion_without_flow(coupling, before, pull, now, law, h)
-            moved = functions.after_none(coupling, before, pull, motion, now, h)
-            if not flow:
-                return moved
-            return functions.after_flow(coupling, self.gaps, before, flow[0], moved, pull, h)
-
+        step = partial(functions.after_step, now=now, law=law, h=h)
         flows = [] if flow is None else [flow]
-        return self._map(finish, self.coupling, before, pull, *flows)
+        moved: Moved = self._map(step, self.coupling, before, pull, *flows)
+        return moved
 
     def seen(self, moved: Moved, flow: Flow | None, inertia: Inertia) -> list[SeenGroup]:
         """The groups as they are observed."""
-        flows = [None] * len(self.of) if flow is None else self._by_group(flow)
-        columns = zip(self.links, self._by_group(moved), flows, strict=True)
-        events = [_GroupEvents.of(self.gaps, *column) for column in columns]
-        inert, groups = inertia([group.forces for group in events]), list[SeenGroup]()
-        for group, seen, forces in zip(self.of, events, inert, strict=True):
-            links, joints = dict[int, LinkInstant](), zip(group.joints, seen.moved, strict=True)
-            for number, (joint, joint_moved) in enumerate(joints):
-                of_joint = seen.jumped[number], forces[number], seen.gaps
-                links |= link_instants(joint, joint_moved, *of_joint)
-            groups.append(SeenGroup(seen.forces, forces, seen.jumps, links))
-        return groups
+        gaps, of_joints = self.coupling.gaps, moved.state._replace(contact=None)
+        joints = [unstacked(y) for y in self._by_group(moved._replace(state=of_joints))]
+        steps, used = [list[GapStep]()] * len(self.of), [jnp.zeros((), bool)] * len(self.of)
+        if flow is not None:
+            used = self._by_group(flow.used)
+            if gaps:
+                steps = [*map(unstacked, self._by_group(flow.result.gaps))]
+        forces = [[joint.force for joint in of_group] for of_group in joints]
+        for of_group, of_gaps in zip(forces, steps, strict=True):
+            for (joint, side), step in zip(gaps, of_gaps, strict=bool(of_gaps)):
+                of_group[joint] = of_group[joint] + side * step.force
+        columns = zip(self.of, joints, steps, used, forces, inertia(forces), strict=True)
+        return [_seen(gaps, *column) for column in columns]
 
     def contacts(self, state: JointState) -> dict[int, Contact]:
         """The contact of each link that has a law of contact."""
         by_gap: dict[int, Contact] = {}
-        if self.gaps:
-            for links, contact in zip(self.links, self._by_group(state.contact), strict=True):
-                by_gap |= zip(links, unstacked(contact), strict=True)
+        if self.coupling.gaps:
+            for group, contact in zip(self.of, self._by_group(state.contact), strict=True):
+                by_gap |= zip(group.links, unstacked(contact), strict=True)
         return by_gap
 
     def inertia(
@@ -189,41 +190,52 @@ class Coupled(NamedTuple):
         ]
 
 
-class _GroupEvents(NamedTuple):
-    """What happens in a group in a step; lists have an entry for each joint, in order."""
+def _seen(
+    gaps: Sequence[tuple[int, int]],
+    group: Group,
+    joints: Sequence[Moved],
+    steps: Sequence[GapStep],
+    used: jax.Array,
+    forces: Sequence[jax.Array],
+    inertia: Sequence[Any],
+) -> SeenGroup:
+    """A group as it is observed, with its joints after a step, of which a flow may be ``used``.
 
-    moved: list[Moved]
-    forces: list[jax.Array]  # of friction and contact
-    jumped: list[Any]  # whether forces of its gaps have jumped in a flow
-    gaps: dict[int, GapStep]  # by link
-    jumps: tuple[Jump, ...]
-
-    @staticmethod
-    def of(gaps: Gaps, links: Sequence[int], moved: Moved, flow: Flow | None) -> _GroupEvents:
-        """The joints of a group after a step, with its gaps, which belong to these links."""
-        joints = unstacked(moved._replace(state=None))  # which has also numbers of the gaps
-        steps, used = list[GapStep](), jnp.zeros((), bool)
-        if flow is not None:
-            used = flow.used
-            steps = unstacked(GapStep.of(flow.result)) if gaps else []
-        forces, jumped = [joint.motion.force for joint in joints], [False & used] * len(joints)
-        for (joint, side), step in zip(gaps, steps, strict=bool(steps)):
-            forces[joint] = forces[joint] + side * step.force
-            jumped[joint] = jumped[joint] | (used & (step.highest_time != 0))
-        jumps = []
-        for number, joint in enumerate(joints):
-            turns, time = joint.motion.turns & ~used, joint.motion.turn_time
-            for force in joint.motion.turn_forces:
-                after = [*forces]
-                after[number] = jnp.where(turns, force, forces[number])
-                jumps.append(Jump(jnp.where(turns, time, 0.0), after))
-        for step in steps:
-            hits = step.highest > 0
-            pairs = zip(step.highest_forces, forces, strict=True)
-            highest = [jnp.where(hits, force, now) for force, now in pairs]
-            jumps.append(Jump(jnp.where(hits, step.highest_time, 0.0), highest))
-        by_link = dict(zip(links, steps, strict=bool(steps)))
-        return _GroupEvents(joints, forces, jumped, by_link, tuple(jumps))
+    ``steps`` are those of its gaps in a step with a flow; ``forces`` and ``inertia`` are forces of
+    friction and contact, and of inerters, by joint.
+    """
+    jumps, links = list[Jump](), dict[int, LinkInstant]()
+    for number, moved in enumerate(joints):
+        exists, time = moved.turns.exist & ~used, moved.turns.farthest_time
+        for force in moved.turn_forces:
+            after = [*forces]
+            after[number] = jnp.where(exists, force, forces[number])
+            jumps.append(Jump(jnp.where(exists, time, 0.0), after))
+    for log in [step.log for step in steps]:
+        hits, pairs = log.highest > 0, zip(log.highest_forces, forces, strict=True)
+        highest = [jnp.where(hits, force, now) for force, now in pairs]
+        jumps.append(Jump(jnp.where(hits, log.highest_time, 0.0), highest))
+    by_link = dict(zip(group.links, steps, strict=bool(steps)))
+    for joint, moved, inert in zip(group.joints, joints, inertia, strict=True):
+        touch = [by_link[link].log for link, _ in joint.faces if link in by_link]
+        jumped = [used & (log.highest_time != 0) for log in touch]
+        turns = moved.turns
+        for link, side in joint.faces:  # each with the closing as this face sees it
+            if side < 0:
+                reverse = {"first": -turns.first, "last": -turns.last, "farthest": -turns.nearest}
+                turns = turns._replace(**reverse, farthest_time=turns.nearest_time)
+            links[link] = LinkInstant(
+                closing=side * moved.now,
+                velocity=side * moved.velocity_now,
+                friction=moved.force if side > 0 else 0 * moved.force,
+                phase=side * moved.state.phase,
+                change_time=moved.change_time,
+                turns=turns,
+                jumps=jnp.stack(jumped).any() if jumped else False,
+                inertia=inert if side > 0 else None,
+                gap=by_link.get(link),
+            )
+    return SeenGroup(forces, inertia, jumps, links)
 
 
 def may_need_flow(joints: Sequence[Joint], system: System) -> bool:
@@ -239,22 +251,16 @@ def all_coupled(
     influence: Sequence[Any],
 ) -> list[Coupled]:
     """The constants of groups of joints, those together whose numbers have the same shapes."""
-    alone = [_coupled(joints, system, masses, influence) for joints in groups]
-    # As keys, since values of numbers are not compared.
-    kinds = by_kind([{kind.gaps: (kind.coupling, kind.inerters)} for kind in alone])
+    alone = [coupled(joints, system, masses, influence) for joints in groups]
     together = []
-    for numbers in kinds:
+    for numbers in by_kind([kind[1:] for kind in alone]):
         same = [alone[n] for n in numbers]
-        constants = same[0].coupling, same[0].inerters
-        if len(same) > 1:
-            constants = stacked([(kind.coupling, kind.inerters) for kind in same])
-        of = tuple(group for kind in same for group in kind.of)
-        links = tuple(links for kind in same for links in kind.links)
-        together.append(Coupled(of, same[0].gaps, links, *constants))
+        constants = same[0][1:] if len(same) == 1 else stacked([kind[1:] for kind in same])
+        together.append(Coupled(tuple(kind.of[0] for kind in same), *constants))
     return together
 
 
-def _coupled(
+def coupled(
     joints: Sequence[Joint],
     system: System,
     masses: Sequence[jax.Array],
@@ -273,7 +279,7 @@ def _coupled(
     shares = {mass: (row @ inverse) / masses[mass] for mass, row in weights.items()}
     has_inerter = tuple(link.inerter is not None for link in links)
     driven = tuple(along(joint.ends, influence) for joint in joints)
-    group, inerters = Group(tuple(joints), shares, driven, has_inerter), None
+    inerters = None
     if any(has_inerter):
         b = [0.0 if link.inerter is None else link.inerter.inertance for link in links]
         inertances = jnp.stack([jnp.asarray(x, dtype) for x in b])
@@ -286,14 +292,15 @@ def _coupled(
         for link, side in joint.faces
         if system.links[link].contact is not None
     ]
-    laws = tuple(with_mass(system.links[link].contact, 1 / delassus[n, n]) for n, _, link in gaps)
     sizes = [system.links[link].gap for _, _, link in gaps]
     coupling = Coupling(
         delassus=delassus,
         frictions=jnp.stack([link.friction for link in links]),
         resistances=tuple(link.velocity_friction for link in links),
         sizes=jnp.stack(sizes) if sizes else jnp.zeros((0,), dtype),
-        laws=laws,
+        laws=tuple(with_mass(system.links[k].contact, 1 / delassus[n, n]) for n, _, k in gaps),
+        gaps=tuple((number, side) for number, side, _ in gaps),
     )
-    sides = tuple((n, side) for n, side, _ in gaps)
-    return Coupled((group,), sides, (tuple(link for *_, link in gaps),), coupling, inerters)
+    of_gaps = tuple(link for *_, link in gaps)
+    group = Group(tuple(joints), of_gaps, shares, driven, has_inerter)
+    return Coupled((group,), coupling, inerters)

@@ -9,7 +9,7 @@ A(τ) = A_m + D (τ − ½) with D = A_m − A_{m−1}.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -18,42 +18,7 @@ from jax import lax
 from jaxpound._checks import is_traced, positive_number
 from jaxpound._errors import InvalidInput
 from jaxpound.simulation.joints.coulomb import slip_stick
-
-
-class LinkStep(NamedTuple):
-    """Inputs of a friction law for a step from t_m − h/2 to t_m + h/2."""
-
-    velocity: jax.Array  # w at t_m − h/2
-    phase: jax.Array  # direction of slip before the step, 0 in stick
-    pull: jax.Array  # A_m
-    rise: jax.Array  # D = A_m − A_{m−1}
-    inverse_mass: jax.Array  # R
-    friction: jax.Array  # μ
-    dt: Any  # h
-
-
-class LinkMotion(NamedTuple):
-    """Result of a friction law for one step, from t_m − h/2 to t_m + h/2.
-
-    ``jump`` is the part of x_i − x_j that the drift from t_m to t_{m+1} misses because friction
-    changed within the step. ``turns`` says whether w vanished in the step, ``turn_time`` when
-    (after t_m) and ``turn`` the difference of x_i − x_j there from its value at t_m. ``phase`` is
-    the direction of slip after the step, 0 in stick; ``change_time`` is when that phase began
-    (after t_m). ``stop`` is the part of the change of w that no force makes: the last end alone
-    makes it.
-    """
-
-    velocity: jax.Array  # w at t_m + h/2
-    force: jax.Array  # q at t_m
-    velocity_now: jax.Array  # w at t_m
-    jump: jax.Array
-    turns: jax.Array
-    turn_time: jax.Array
-    turn: jax.Array
-    turn_forces: tuple[jax.Array, jax.Array]  # q before and after it
-    phase: jax.Array
-    change_time: jax.Array
-    stop: Any = None
+from jaxpound.simulation.joints.motion import LinkMotion, LinkStep
 
 
 @runtime_checkable
@@ -83,18 +48,12 @@ class EventResolved:
     def slide(self, before: LinkStep) -> LinkMotion:
         """One step of the link."""
         w, _, a, rise, inverse_mass, mu, h = before
-        step = slip_stick(w, a, rise, inverse_mass * mu, h)
-        return LinkMotion(
-            velocity=step.velocity,
-            force=step.resistance / inverse_mass,
-            velocity_now=step.velocity_now,
-            jump=step.jump,
-            turns=step.turns > 0,
-            turn_time=step.turn_time,
-            turn=step.turn,
-            turn_forces=(step.before / inverse_mass, step.after / inverse_mass),
-            phase=step.phase,
-            change_time=step.change_time,
+        motion = slip_stick(w, a, rise, inverse_mass * mu, h)
+        before_turn, after_turn = motion.turn_forces
+        return motion._replace(
+            force=motion.force / inverse_mass,
+            turns=motion.turns > 0,
+            turn_forces=(before_turn / inverse_mass, after_turn / inverse_mass),
         )
 
 

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 
 from jaxpound._extrema import larger
 from jaxpound.results.element_demands import LinkDemand
-from jaxpound.simulation.contact.records import APART, SOFT, Contact, is_deformed
-from jaxpound.simulation.state import GapStep, LinkInstant
+from jaxpound.simulation.contact.records import APART, SOFT, Contact, GapStep, is_deformed
+from jaxpound.simulation.state import LinkInstant
 
 WINDOW = 3  # samples of a parabola: no older event is a kink of it
 
@@ -58,26 +58,28 @@ class ContactTally(NamedTuple):
 
     def observe(self, step: GapStep | None, time: jax.Array) -> ContactTally:
         """Add one step, or one without flow (None)."""
+        later = self._replace(
+            lost_now=self.lost,
+            stored_now=self.stored,
+            since_touch=self.since_touch + 1,
+            since_end=self.since_end + 1,
+        )
         if step is None:
-            return self._replace(
-                lost_now=self.lost,
-                stored_now=self.stored,
-                since_touch=self.since_touch + 1,
-                since_end=self.since_end + 1,
-            )
-        begins = (step.touches > 0) & (self.touches == 0)
-        return self._replace(
-            highest=larger(self.highest, step.highest),
-            strongest=larger(self.strongest, step.strongest),
-            touches=self.touches + step.touches,
-            first=jnp.where(begins, time + step.first_touch, self.first),
+            return later
+        log = step.log
+        touches = log.touches > 0
+        return later._replace(
+            highest=larger(self.highest, log.highest),
+            strongest=larger(self.strongest, log.strongest),
+            touches=self.touches + log.touches,
+            first=jnp.where(touches & (self.touches == 0), time + log.first_touch, self.first),
             lost=self.lost + step.lost_after,
             stored=self.stored + step.stored_after,
             lost_now=self.lost + step.lost,
             stored_now=self.stored + step.stored,
-            powers=self.powers + step.powers,
-            since_touch=jnp.where(step.touches > 0, 0.0, self.since_touch + 1),
-            since_end=jnp.where(step.ended > 0, 0.0, self.since_end + 1),
+            powers=self.powers + log.powers,
+            since_touch=jnp.where(touches, 0.0, later.since_touch),
+            since_end=jnp.where(log.ended > 0, 0.0, later.since_end),
         )
 
 

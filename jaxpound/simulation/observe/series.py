@@ -49,12 +49,12 @@ class StoredSeries(NamedTuple):
             if (contact := tallied.contact) is not None and link.gap is not None:
                 entries |= {
                     "contact": link.gap.force,
-                    "touching": link.gap.touched,
+                    "touching": link.gap.log.touched,
                     "contact_stored": contact.stored_now,
                     "contact_lost": contact.lost_now,
                     "slid": contact.slid,
                 }
-                impact = jax.tree.map(tuple, link.gap.impacts)
+                impact = jax.tree.map(tuple, link.gap.log.impacts)
             links.append(entries)
             impacts.append(impact)
         rods = zip(constants.rods, now.rods, strict=True)

@@ -66,7 +66,7 @@ class _Observed(NamedTuple):
                     link = now.links[of_joint[0]]
                     late, turn = link.turns.farthest_time, link.turns.farthest - link.closing
                     turned = position + late * (speed - share * link.velocity) + share * turn
-                    met = sum(step.touched for step in steps) > 0
+                    met = sum(step.log.touched for step in steps) > 0
                     reached.append(jnp.where(met & link.turns.exist, turned, position))
         smooth = self.smooth & ~jnp.stack(kinks).any() if kinks else self.smooth
         return Sample(position, smooth, reached)

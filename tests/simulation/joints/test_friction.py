@@ -9,7 +9,8 @@ from hypothesis import assume, example, given, strategies
 
 import jaxpound as jp
 from jaxpound.simulation.joints.coulomb import _events, _outcome, slip_stick
-from jaxpound.simulation.joints.friction import LinkStep, _creep
+from jaxpound.simulation.joints.friction import _creep
+from jaxpound.simulation.joints.motion import LinkStep
 from tests.refusals import refusals
 
 H = 0.1
@@ -188,7 +189,7 @@ def derivatives(step, *modes):
     """Of a step's outcome, the inner mode first, as a program of a batch of points."""
 
     def function(x):
-        return jnp.stack(step(*x, H))
+        return jnp.stack(jax.tree.leaves(step(*x, H)))
 
     for mode in modes:
         function = mode(function)
