@@ -390,3 +390,46 @@ def test_the_unit_of_a_rotation_changes_nothing():
             turned = unit if name == "absolute_accelerations" and k == 2 else 1.0
             np.testing.assert_allclose(b, a * turned, rtol=0, atol=1e-9)
     np.testing.assert_allclose(other.energy.input, run.energy.input, rtol=0, atol=1e-10)
+
+
+def sliding(seed):
+    """The rocking neighbours without walls."""
+    system = rocking_neighbours(seed, "kelvin")
+    return dataclasses.replace(system, links=system.links[2:])
+
+
+SHORT = jp.TimeGrid(0.04, 150)
+
+
+def peaks(system):
+    demand = jp.demand(system, SHAKING, SHORT)
+    sizes = [mass.peak_x + mass.peak_acceleration for mass in demand.masses]
+    return sum(sizes) + demand.friction_work + demand.rods[0].peak_force, demand
+
+
+def test_a_batch_with_weights_is_a_loop_and_both_modes_agree():
+    """And a demand has the peaks of its response, also in single precision."""
+    systems = [floats(sliding(seed)) for seed in range(3)]
+    batch = jax.tree.map(lambda *x: jnp.stack(x), *systems)
+    backwards = jax.jit(jax.vmap(jax.value_and_grad(peaks, has_aux=True)))
+    (values, _), gradients = backwards(batch)
+    forwards = jax.jit(lambda x, way: jax.jvp(peaks, (x,), (way,), has_aux=True))
+    for k, system in enumerate(systems):
+        way = floats(relative_way(sliding(k), k))
+        value, slope, demand = forwards(system, way)
+        assert float(values[k]) == pytest.approx(float(value), rel=1e-11)
+        parts = jax.tree.map(lambda x, y, k=k: x[k] * y, gradients, way)
+        assert sum(map(float, jax.tree.leaves(parts))) == pytest.approx(float(slope), rel=1e-8)
+    response = jp.simulate(system, SHAKING, SHORT)
+    np.testing.assert_allclose(
+        *map(jax.tree.leaves, (demand, response.demand)), rtol=1e-11, atol=1e-13
+    )
+    for mass, acceleration, peak in zip(
+        response.masses, response.absolute_accelerations, demand.masses, strict=True
+    ):
+        assert np.abs(mass.x).max() <= peak.peak_x < 1.02 * np.abs(mass.x).max()
+        assert peak.peak_acceleration > 0.999 * np.abs(acceleration).max()
+    assert response.energy.relative_residual < 2e-2
+    single = jp.demand(*jax.tree.map(np.float32, (system, SHAKING)), SHORT)
+    assert {x.dtype for x in jax.tree.leaves(single)} == {jnp.dtype("float32")}
+    np.testing.assert_allclose(*map(jax.tree.leaves, (single, demand)), rtol=5e-3, atol=1e-4)
