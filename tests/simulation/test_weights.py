@@ -252,7 +252,7 @@ def relative_way(system, seed):
     return jax.tree_util.tree_map_with_path(change, system)
 
 
-CASES = {f"newton {seed}": (rocking_neighbours, seed, "newton") for seed in (0, 1, 3)}
+CASES = {f"newton {seed}": (rocking_neighbours, seed, "newton") for seed in (0, 3)}
 CASES |= {f"kelvin {seed}": (rocking_neighbours, seed, "kelvin") for seed in (0, 1, 2)}
 CASES |= {f"3 unknowns {seed}": (dense, seed, 3, 2, "kelvin") for seed in range(3)}
 CASES |= {f"5 unknowns {seed}": (dense, seed, 5, 3, None) for seed in range(3)}
