@@ -25,7 +25,6 @@ from jaxpound.model.system import (
     as_tuple,
     check_link,
     faces_of,
-    gap_rules,
     is_closable,
     require_face,
     without_dampers,
@@ -104,7 +103,7 @@ class FloorLink:
                 raise InvalidInput("FloorLink", name, str(getattr(self, name)), rule)
         check_link(self, f"FloorLink {self}")
 
-    more_rules = gap_rules
+    more_rules = Link.more_rules
 
     def faces(self) -> tuple[FloorLink, ...]:
         """The link itself; of a link of two faces the right face and the left face."""

@@ -69,10 +69,6 @@ class Rod:
             _set_ends(self)
         check(self)
 
-    def more_rules(self, prefix: str) -> list[Rule]:
-        """No weight is 0."""
-        return _no_zeros(prefix, self.weights)
-
 
 @pytree_dataclass
 class Link:
@@ -132,21 +128,11 @@ class Link:
         return faces_of(self, ends=opposite, weights=tuple(-w for w in self.weights))
 
     def more_rules(self, prefix: str) -> list[Rule]:
-        """A gap that can close is finite, and no weight is 0."""
-        return [*gap_rules(self, prefix), *_no_zeros(prefix, self.weights)]
-
-
-def gap_rules(link: Any, prefix: str) -> list[Rule]:
-    """A gap that can close is finite."""
-    if link.contact is None:
-        return []
-    says = "finite (contact needs a finite gap)"
-    return [Rule(f"{prefix}gap", link.gap, finite(link.gap), says)]
-
-
-def _no_zeros(prefix: str, weights: Sequence[Any]) -> list[Rule]:
-    """A mass that an element does not see is left out of its ends."""
-    return [Rule(f"{prefix}weights.{i}", w, w != 0, "not 0") for i, w in enumerate(weights)]
+        """A gap that can close is finite."""
+        if self.contact is None:
+            return []
+        says = "finite (contact needs a finite gap)"
+        return [Rule(f"{prefix}gap", self.gap, finite(self.gap), says)]
 
 
 OPPOSITE: Any = {"friction": 0.0, "damper": None, "velocity_friction": None, "inerter": None}
