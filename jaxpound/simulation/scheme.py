@@ -16,7 +16,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.model.dampers import PowerLaw
-from jaxpound.model.ends import WeightedEnds, mobility, weighted
+from jaxpound.model.ends import WeightedEnds, along, mobility, weighted
 from jaxpound.model.hysteresis import before_yield, zener_of
 from jaxpound.model.joint import groups, joints
 from jaxpound.model.places import link_places, rod_places
@@ -332,12 +332,19 @@ def _scaled(
     system: System, masses: tuple[int, ...], parts: list[tuple[WeightedEnds, Any]], xp: Any
 ) -> Any:
     """D^(−1/2) S D^(−1/2) with the matrix S of parts between ends, each with its number."""
-    own = [(dict(ends), number) for ends, number in parts if {*dict(ends)} & {*masses}]
+    own = [(ends, number) for ends, number in parts if {*dict(ends)} & {*masses}]
     if not own:
         return 0.0
     numbers = xp.stack(xp.broadcast_arrays(*[number for _, number in own]), -1)
     m = xp.stack(xp.broadcast_arrays(*[system.masses[i] for i in masses]), -1)
-    weights = [ends.get(mass, 0.0) for mass in masses for ends, _ in own]
-    rows = xp.stack(xp.broadcast_arrays(*weights), -1).astype(numbers.dtype)
-    root = rows.reshape(*rows.shape[:-1], len(masses), len(own)) / xp.sqrt(m)[..., None]
+    unit_motions = np.eye(len(system.masses), dtype=numbers.dtype)[:, list(masses)]
+    by_part = [along(_beside_motions(ends), [*unit_motions]) for ends, _ in own]
+    known = all(isinstance(y, np.ndarray) for y in by_part)  # weights of 1 and −1 are no operations
+    lib = np if known else xp
+    root = lib.stack(lib.broadcast_arrays(*by_part), -1) / xp.sqrt(m)[..., None]
     return (root * numbers[..., None, :]) @ xp.swapaxes(root, -1, -2)
+
+
+def _beside_motions(ends: WeightedEnds) -> WeightedEnds:
+    """Ends whose weights, maybe those of a batch, multiply motions of several masses."""
+    return tuple((mass, w if isinstance(w, int) else w[..., None]) for mass, w in ends)
