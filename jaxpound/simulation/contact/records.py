@@ -123,6 +123,18 @@ class Turns(NamedTuple):
     nearest: jax.Array  # smallest closing at a turn
     nearest_time: jax.Array
 
+    @property
+    def reversed(self) -> Turns:
+        """The turns as a gap on the other side sees them."""
+        return self._replace(
+            first=-self.first,
+            last=-self.last,
+            farthest=-self.nearest,
+            farthest_time=self.nearest_time,
+            nearest=-self.farthest,
+            nearest_time=self.farthest_time,
+        )
+
 
 class GapLog(NamedTuple):
     """What happens in gaps, (g,) each, in a step; times from its middle."""

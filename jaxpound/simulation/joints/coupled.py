@@ -219,18 +219,14 @@ def _seen(
     for joint, moved, inert in zip(group.joints, joints, inertia, strict=True):
         touch = [by_link[link].log for link, _ in joint.faces if link in by_link]
         jumped = [used & (log.highest_time != 0) for log in touch]
-        turns = moved.turns
         for link, side in joint.faces:  # each with the closing as this face sees it
-            if side < 0:
-                reverse = {"first": -turns.first, "last": -turns.last, "farthest": -turns.nearest}
-                turns = turns._replace(**reverse, farthest_time=turns.nearest_time)
             links[link] = LinkInstant(
                 closing=side * moved.now,
                 velocity=side * moved.velocity_now,
                 friction=moved.force if side > 0 else 0 * moved.force,
                 phase=side * moved.state.phase,
                 change_time=moved.change_time,
-                turns=turns,
+                turns=moved.turns if side > 0 else moved.turns.reversed,
                 jumps=jnp.stack(jumped).any() if jumped else False,
                 inertia=inert if side > 0 else None,
                 gap=by_link.get(link),

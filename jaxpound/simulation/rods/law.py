@@ -50,8 +50,8 @@ class RodLaw:
         """The rod at t_m, from its state ``before``, at t_{m−1}, and its elongation at t_m.
 
         ``total`` is the sum S_m of its history. ``is_first`` says whether the run begins at t_m
-        displaced or moving; it is None for runs from rest. After an impact the force is that of the
-        ``mean`` elongation over the kick.
+        displaced or moving; it is None for runs from rest. After a local flow the force is that of
+        the ``mean`` elongation over the step.
         """
         raise NotImplementedError
 
