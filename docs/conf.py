@@ -86,7 +86,7 @@ nitpick_ignore_regex = [
     # What only the package's own code meets, and unions with names of their own.
     (
         "py:class",
-        r"jaxpound\._.*|jaxpound\.simulation\.(friction|history)\..*|GroundLike|Structures"
+        r"jaxpound\._.*|jaxpound\.simulation\.(joints\.friction|time\.history)\..*|GroundLike|Structures"
         r"|jaxpound\.units\.Timed|jaxpound\..*\._\w+",
     ),
     ("py:class", r"jaxpound\.design\.design\.History"),
