@@ -20,10 +20,10 @@ from jax.profiler import ProfileData
 
 PARTS = {
     "ground": "wavelets.py motion.py",
-    "rods": "law.py zener.py",
+    "rods": "law.py laws.py zener.py",
     "memories of the rods": "history.py",
     "friction": "coulomb.py friction.py",
-    "masses and links": "step.py constants.py sliding.py state.py ends.py",
+    "masses and links": "step.py constants.py coupled.py group.py motion.py state.py ends.py",
     "scalars": "tally.py link_tally.py peaks.py run.py demand.py",
     "blocks, and what reverse mode keeps": "scan.py blocks.py quotients.py derivatives.py",
 }

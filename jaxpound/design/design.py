@@ -22,7 +22,7 @@ from jaxpound.design.space import DesignSpace
 from jaxpound.model.places import link_places
 from jaxpound.model.row import checked_floors
 from jaxpound.model.system import gravity_of
-from jaxpound.model.topology import Topology, masses_of
+from jaxpound.model.topology import Topology, WeightedMasses, masses_of
 from jaxpound.quantities import unit
 from jaxpound.reliability.result import RareEvent
 from jaxpound.results.elements import of_link, without_idle_dampers
@@ -124,6 +124,8 @@ class Comparison(Shown):
         for k, ends in enumerate(topology.links):
             names = [of_link(name, k, n) for name in ("damper_force", "slip_distance")]
             force, slip = (float(self.after[name].mean()) for name in names)
+            if isinstance(ends, WeightedMasses):
+                continue
             moving = [f"peak_x{mass + 1}" for mass in masses_of(ends)]
             if force > 0 and slip < _STUCK * max(float(self.after[x].mean()) for x in moving):
                 dampers.append(f"damper {places[k]}" if n > 1 else "damper")

@@ -31,6 +31,17 @@ def weighted(element: Element) -> WeightedEnds:
     return tuple((mass, sign) for mass, sign in zip(ends, (1, -1), strict=True) if mass != GROUND)
 
 
+def link_ends(links: Sequence[Element]) -> tuple[WeightedEnds, ...]:
+    """Masses and weights of links; of a left face those of the right face before it, reversed."""
+    ends = list[WeightedEnds]()
+    for link in links:
+        if isinstance(link.ends, WeightedMasses) and link.ends.side < 0:
+            ends.append(tuple((mass, -weight) for mass, weight in ends[-1]))
+        else:
+            ends.append(weighted(link))
+    return tuple(ends)
+
+
 def elongation(element: Element, x: Sequence[Any]) -> Any:
     """Elongation of a rod, or closing of a link, by displacements of masses; or of velocities."""
     return along(weighted(element), x)

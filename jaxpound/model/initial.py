@@ -7,7 +7,7 @@ from typing import Any
 from jaxpound._checks import Rule
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, pytree_dataclass
-from jaxpound.model.ends import elongation
+from jaxpound.model.ends import along, link_ends
 from jaxpound.model.places import link_places
 from jaxpound.model.system import System, as_tuple
 
@@ -67,9 +67,10 @@ def initial_rules(initial: InitialState, system: System, dt: float) -> list[Rule
     """The rules of a state for a run with steps of ``dt``: links with a contact law are open."""
     x, v = initial.of(system)
     rules = []
-    for place, link in zip(link_places(system.topology), system.links, strict=True):
+    columns = link_places(system.topology), system.links, link_ends(system.links)
+    for place, link, ends in zip(*columns, strict=True):
         if link.contact is not None:
-            left = link.gap - elongation(link, x)
+            left = link.gap - along(ends, x)
             rule = "open, and stay so for a step: a law of contact starts apart"
-            rules.append(Rule(f"gap of {place}", left, left > dt * elongation(link, v), rule))
+            rules.append(Rule(f"gap of {place}", left, left > dt * along(ends, v), rule))
     return rules

@@ -62,11 +62,12 @@ def link_places(topology: Topology) -> tuple[str, ...]:
 
     Of the two faces of a link the right one is where its left end touches as it moves to the right.
     """
-    home, places = homes(topology), []
+    home, places = homes(topology), list[str]()
     for ends in topology.links:
         if isinstance(ends, WeightedMasses):
             numbers = ", ".join(str(mass + 1) for mass in ends.masses)
-            places.append(f"mass{'es' * (len(ends.masses) > 1)} {numbers}")
+            words = f"mass{'es' * (len(ends.masses) > 1)} {numbers}"
+            places.append(f"{words} (link {len(places) + 1})")  # several may join the same
             continue
         low, high = sorted(ends)
         words = f"mass {high + 1}–ground" if low == GROUND else f"masses {low + 1}–{high + 1}"

@@ -92,7 +92,7 @@ class Link:
         both that can close, or a tuple of one for each.
     damper
         A ``Rod`` without ends between the same neighbours, such as one of a ``PowerLaw``; None by
-        default. In a ``System`` it is one of the rods.
+        default. In a ``System`` it is one of the rods, which has the link's weights as its own.
     velocity_friction
         What the friction gains with |x_i' − x_j'|, a ``VelocityFriction``; None by default.
     inerter
@@ -124,8 +124,7 @@ class Link:
         """The link itself; of a link of two faces the right face and the left face."""
         if not isinstance(self.ends, WeightedMasses):
             return faces_of(self, ends=self.ends[::-1])
-        opposite = self.ends._replace(side=-self.ends.side)
-        return faces_of(self, ends=opposite, weights=tuple(-w for w in self.weights))
+        return faces_of(self, ends=self.ends._replace(side=-1), weights=())
 
     def more_rules(self, prefix: str) -> list[Rule]:
         """A gap that can close is finite."""
@@ -302,9 +301,9 @@ def _set_ends(element: Rod | Link) -> None:
     if isinstance(ends, WeightedMasses):  # those of an element that has been made before
         return
     if weights:
-        rule = "must be left out: ends of masses with weights, ((mass, weight), …), have them"
+        rule = "must be left out: ends ((mass, weight), …) have them; with replace, weights=()"
         raise InvalidInput(owner, "weights", reprlib.repr(weights), rule)
-    if isinstance(ends, Sequence) and all(isinstance(end, Sequence) for end in ends):
+    if isinstance(ends, list | tuple) and all(isinstance(end, list | tuple) for end in ends):
         masses, weights = _weighted_ends(owner, ends)
         object.__setattr__(element, "ends", WeightedMasses(masses))
         object.__setattr__(element, "weights", weights)
@@ -329,7 +328,7 @@ def _weighted_ends(owner: str, value: Sequence[Any]) -> tuple[tuple[int, ...], t
 def _two_ends(owner: str, value: Any) -> Ends:
     """Two different ends, each the number of a mass or ``GROUND``."""
     try:
-        i, j = value
+        i, j = tuple(value) if isinstance(value, Sequence | np.ndarray) else ()
         valid = all(is_whole(end) and end >= GROUND for end in (i, j))
     except (TypeError, ValueError):
         valid = False
@@ -406,7 +405,7 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
     kept, rods = list[Any](), list[Rod]()
     for link in links:
         if damper := getattr(link, "damper", None):
-            if damper.ends not in (None, link.ends):
+            if damper.weights or damper.ends not in (None, link.ends):
                 rule = f"must be left out, or those of the link, {link.ends}"
                 raise InvalidInput("Link", "damper.ends", str(damper.ends), rule)
             ends = {"ends": link.ends, "weights": getattr(link, "weights", ())}

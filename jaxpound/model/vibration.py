@@ -54,7 +54,8 @@ class Modes(Shown):
     participation: np.ndarray
     """Effective modal mass over Σ ι² m, the mass that the ground moves, shape (n,), of the undamped
     mode that becomes mode j as damping grows; its rods have their storage moduli at the first
-    natural frequency. They add up to 1, but for the inertia that inerters lead to the ground."""
+    natural frequency. They add up to 1, but for the inertia that inerters lead to the
+    ground; NaN if the ground moves no mass."""
     si: bool = False
     """Whether frequencies are in rad/s, not in ω1."""
 
@@ -103,7 +104,8 @@ def modes(structures: Structures) -> Modes:
     vibrations = [linear.vibration(j, eigenvalues) for j in range(linear.n)]
     frequencies, damping, shapes = (np.array(x) for x in zip(*vibrations, strict=True))
     driven = linear.masses * structures.system().influences
-    shares = (driven @ linear.unscaled(vectors)) ** 2 / (driven @ structures.system().influences)
+    whole = float(driven @ structures.system().influences) or np.nan
+    shares = (driven @ linear.unscaled(vectors)) ** 2 / whole
     order = np.argsort(frequencies, kind="stable")
     largest = shapes[np.arange(linear.n), np.abs(shapes).argmax(1)]
     return Modes(

@@ -11,8 +11,8 @@ from matplotlib.patches import Rectangle
 
 from jaxpound.model.ends import elongation
 from jaxpound.model.places import homes
-from jaxpound.model.topology import GROUND, stacks
-from jaxpound.plots.rows import stack_heights, two_ends
+from jaxpound.model.topology import GROUND, stacks, two_ends
+from jaxpound.plots.rows import stack_heights
 from jaxpound.plots.style import COLOURS, arrow, building_colour, in_house_style
 from jaxpound.results.response import Response
 
@@ -54,10 +54,10 @@ class Scene:
         start = [np.asarray(mass.x)[0] for mass in response.masses]
         between = []  # neighbours: the left one's number, a link's finite gap at rest, its ends
         for link in response.links:
-            left, other = sorted(building_of.get(end, GROUND) for end in two_ends(owner, link))
+            left, other = sorted(building_of.get(end, GROUND) for end in two_ends(owner, link.ends))
             rest = float(np.asarray(link.gap)[0] + elongation(link, start))
             if left != GROUND and other - left == 1 and np.isfinite(rest):
-                between.append((left, rest, two_ends(owner, link)))
+                between.append((left, rest, two_ends(owner, link.ends)))
         gaps = [[gap for left, gap, _ in between if left == b] for b in range(len(buildings) - 1)]
         spaces = [max(of_links, default=2.2 * reach) for of_links in gaps]
         self._width = w = 1.1 * max(reach + max(spaces, default=0.0), 2 * reach) or 1.0

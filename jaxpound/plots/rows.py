@@ -17,10 +17,9 @@ from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.system import Link, Rod, Structures
-from jaxpound.model.topology import GROUND, Ends, Topology, WeightedMasses, floors, stacks
+from jaxpound.model.topology import GROUND, Topology, floors, stacks, two_ends
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
-from jaxpound.results.response import LinkResponse
 from jaxpound.units import Scales, scales_for
 
 Lines = list[tuple[str, str]]  # words and their colours
@@ -78,7 +77,7 @@ def row(
     buildings = stacks(system.topology)
     heights = stack_heights("row", system.topology, elevations)
     building_of = {mass: b for b, building in enumerate(buildings) for mass, _ in building}
-    ends_of_links = [two_ends("row", link) for link in system.links]
+    ends_of_links = [two_ends("row", link.ends) for link in system.links]
     linked = [{building_of.get(end) for end in pair} for pair in ends_of_links]
     with_ends = zip(system.links, ends_of_links, strict=True)
     walls = {(building_of[max(x)], x[1] == GROUND) for link, x in with_ends if _has_wall(link)}
@@ -102,7 +101,7 @@ def row(
     for (x, _), homes, lines in zip(links, linked, numbers, strict=True):
         if len(homes) == 1 or (None in homes and not _has_wall(x)):
             by_line = [(line, colour) for text, colour in lines for line in text.split("\n")]
-            inside.setdefault(max(two_ends("row", x)), []).extend(by_line)
+            inside.setdefault(max(two_ends("row", x.ends)), []).extend(by_line)
     extra = [*map(len, inside.values()), *(text.count("\n") for x in numbers for text, _ in x)]
     storey_inches = _STOREY + _LINE * max(extra, default=0)
     if ax is None:
@@ -128,14 +127,6 @@ def row(
         _link(ax, *link, places, slab, lines)
     _finish(ax, links, elevations is not None)
     return ax
-
-
-def two_ends(owner: str, link: Link | LinkResponse) -> Ends:
-    """The ends of a link that is drawn between them; an ``InvalidInput`` for one with weights."""
-    if isinstance(link.ends, WeightedMasses):
-        rule = "must be between two floors or the ground: masses with weights are not drawn"
-        raise InvalidInput(owner, "links", "", rule)
-    return link.ends
 
 
 def _has_wall(link: Link) -> bool:
@@ -240,7 +231,7 @@ def _link(
     ax: Axes, link: Link, damper: Damper, places: Mapping[int, Place], slab: float, numbers: Lines
 ) -> None:
     """What is between two floors: a line from the one to the other, and its numbers."""
-    pair = two_ends("row", link)
+    pair = two_ends("row", link.ends)
     j, i = sorted(pair)  # the ground comes first
     start, up, foot = places[i]
     second = (start, foot, foot) if j == GROUND else places[j]

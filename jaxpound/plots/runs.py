@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from jaxpound._checks import require_one_of
-from jaxpound.model.ends import elongation
 from jaxpound.plots import curves
 from jaxpound.plots import style as house
 from jaxpound.plots.curves import Curve, Loops, is_pair, same_units, series_axis, touching
@@ -227,8 +226,7 @@ def _loops(kind: str, response: Response) -> Loops:
         depths = {k: path.penetration for k, (_, path) in contacts.items()}
         by_link = {k: curve for k, (curve, _) in contacts.items()}
         return Loops(owner, "links", depths, by_link, r"penetration $\delta$", "contact force $p$")
-    by_link, x = curves.frictions(owner, response), [y.x for y in response.masses]
-    slips = [elongation(link, x) for link in response.links]
+    by_link, slips = curves.frictions(owner, response), response.closings
     across = "slip $x_1 - x_2$" if is_pair(response) else "slip $x_i - x_j$"
     return Loops(owner, "links", slips, by_link, across, "friction force $q$")
 

@@ -15,7 +15,7 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.model.building import Building
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.system import Structures, as_tuple, gravity_of
-from jaxpound.model.topology import Topology, floors, is_storey, stacks
+from jaxpound.model.topology import Topology, floors, is_storey, stacks, two_ends
 from jaxpound.quantities import column, unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import Columnar, are_concrete, run_numbers, sizes_of
@@ -171,8 +171,10 @@ def _of_building(
     def contact(side: int) -> Any:
         largest = dict.fromkeys(masses, zero)
         for link, ends in zip(demand.links, topology.links, strict=True):
-            if link.peak_contact is not None and ends[side] in largest:
-                largest[ends[side]] = jnp.maximum(largest[ends[side]], link.peak_contact)
+            if (force := link.peak_contact) is not None:
+                end = two_ends("floors", ends)[side]
+                if end in largest:
+                    largest[end] = jnp.maximum(largest[end], force)
         return stacked(list(largest.values()))
 
     displacements = [demand.masses[m].peak_x for m in masses]

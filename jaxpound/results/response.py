@@ -61,11 +61,11 @@ class LinkResponse:
     """Series of a link, each of shape (n_steps+1,)."""
 
     gap: Any = quantity("length", column="gap")
-    """ξ = ξ0 − (x_i − x_j); pounding is ξ ≤ 0."""
+    """ξ = ξ0 − s with the closing s = x_i − x_j; pounding is ξ ≤ 0."""
     friction: Any = quantity("force", column="friction")
     """Force q of the damper: positive when it pulls mass i back (x_i' > x_j' in slip)."""
     slip_velocity: Any = quantity("velocity", column="slip_velocity")
-    """w = x_i' − x_j'."""
+    """w = s'."""
     phase: Any = quantity(None, column="phase")
     """Direction of slip half a step after each instant: 1, −1, or 0 in stick."""
     change_time: Any = quantity("time", column="change_time")
@@ -179,6 +179,12 @@ class Response(ByElement, Columnar, Shown):
             load_on(i, ends, forces) / jnp.asarray(mass.mass)[..., None]
             for i, mass in enumerate(self.masses)
         )
+
+    @property
+    def closings(self) -> tuple[Any, ...]:
+        """Closing s of each link: its gap is that at rest less s."""
+        x = [mass.x for mass in self.masses]
+        return tuple(along(_weighted(link), x) for link in self.links)
 
     @property
     def elongations(self) -> tuple[Any, ...]:

@@ -195,7 +195,7 @@ def _positions(system: StepConstants, now: Instant) -> tuple[Any, ...]:
 
 
 POSITIONS = Observer(_positions, lambda topology: topology.n_masses + len(topology.links))
-"""Displacement of each mass, and x_i − x_j of each link's ends: its gap at rest less its gap."""
+"""Displacement of each mass, and the closing of each link: its gap at rest less its gap."""
 
 ACCELERATIONS = Observer(accelerations, lambda topology: topology.n_masses)
 """Absolute acceleration x'' + u'' of each mass."""

@@ -7,7 +7,7 @@ where ``step`` moves it and ``Tally`` observes it, to a ``Demand`` or a ``Respon
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Sequence
 from functools import partial
 from typing import Any, cast
 
@@ -24,7 +24,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, require_ground
 from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen
 from jaxpound.ground.run_input import as_run
-from jaxpound.model.ends import weighted
+from jaxpound.model.ends import link_ends
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Link, Structures, System, gravity_of, is_closable
@@ -319,7 +319,7 @@ def _warn_of_results(
 
 
 def implausible_links(
-    links: Iterable[Link],
+    links: Sequence[Link],
     demand: Demand,
     single_link_names: tuple[str, str] | None = None,
     *,
@@ -331,9 +331,11 @@ def implausible_links(
     link, by default links are named by their ends.
     """
     findings, places = [], link_places(cast("Topology", demand.topology))
-    for place, link, of_link in zip(places, links, demand.links, strict=True):
+    for place, link, ends, of_link in zip(
+        places, links, link_ends(links), demand.links, strict=True
+    ):
         if is_closable(link.gap):  # else no contact is meant
-            displacement = sum(abs(w) * demand.masses[mass].peak_x for mass, w in weighted(link))
+            displacement = sum(abs(w) * demand.masses[mass].peak_x for mass, w in ends)
             gap, law = single_link_names or (f"link {place}: gap", f"link {place}")
             if gaps:
                 findings += far_apart(gap, link.gap, displacement, si=demand.si)

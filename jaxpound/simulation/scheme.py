@@ -21,7 +21,7 @@ from jaxpound.model.hysteresis import before_yield, zener_of
 from jaxpound.model.joint import groups, joints
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import Topology, rod_groups, storey_rods
+from jaxpound.model.topology import Topology, WeightedMasses, rod_groups, storey_rods
 from jaxpound.simulation.joints.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.rods.zener import nyquist_stiffness
 from jaxpound.simulation.time.history import FullHistory, HistorySum, ModalHistory
@@ -289,7 +289,8 @@ def _mobilities(system: System) -> list[Any]:
 def _part(topology: Topology, rod: int) -> str:
     """A rod in words: a storey, or the damper of a link."""
     ends = topology.rods[rod]
-    if rod in storey_rods(topology) or ends not in topology.links:
+    is_damper = ends in topology.links and not isinstance(ends, WeightedMasses)
+    if rod in storey_rods(topology) or not is_damper:
         return rod_places(topology)[rod]
     return f"the damper of link {link_places(topology)[topology.links.index(ends)]}"
 

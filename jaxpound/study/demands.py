@@ -15,7 +15,7 @@ from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import far_apart
 from jaxpound.model.places import link_places
 from jaxpound.model.system import Structures
-from jaxpound.model.topology import Topology, masses_of
+from jaxpound.model.topology import Topology, WeightedMasses, masses_of
 from jaxpound.results.elements import of_link
 from jaxpound.results.named import all_demands
 from jaxpound.scenarios.scenarios import ScenarioSet
@@ -54,7 +54,7 @@ def unreached(
     findings = []
     for k, (ends, place) in enumerate(zip(topology.links, link_places(topology), strict=True)):
         gap, _ = extremes.get(of_link("min_gap", k, len(topology.links)), (np.inf, np.inf))
-        if np.isfinite(gap):
+        if np.isfinite(gap) and not isinstance(ends, WeightedMasses):
             moved = sum(extremes[f"peak_x{mass + 1}"][1] for mass in masses_of(ends))
             name = "initial_gap" if pair else f"link {place}: gap"
             findings += far_apart(name, gap, moved, si=si)

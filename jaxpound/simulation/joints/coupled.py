@@ -112,11 +112,15 @@ class Coupled(NamedTuple):
                 y[mass] = y[mass] + (share * closings).sum()
 
     def stop(self, v: list[Any], stop: Any) -> None:
-        """Add to velocities of masses what the last end of a joint makes alone of its change."""
+        """Add to velocities what the last end of a joint, or with weights all, make of a change."""
         for group, changes in zip(self.of, self._by_group(stop), strict=True):
-            for joint, change in zip(group.joints, changes, strict=True):
+            for number, (joint, change) in enumerate(zip(group.joints, changes, strict=True)):
                 mass, weight = joint.ends[-1]
-                v[mass] = v[mass] + change / weight
+                if isinstance(weight, int):
+                    v[mass] = v[mass] + change / weight
+                    continue
+                for mass, shares in group.shares.items():  # as a weight may be 0
+                    v[mass] = v[mass] + shares[number] * change
 
     def flow(
         self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int

@@ -11,7 +11,9 @@ import jax.numpy as jnp
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, as_motion
 from jaxpound.model.contact import Newton
+from jaxpound.model.ends import WeightedEnds, link_ends
 from jaxpound.model.system import Link, System
+from jaxpound.model.topology import WeightedMasses
 from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
@@ -76,7 +78,7 @@ def response_of(
 
     ``with_ground`` is by mass the share of the ground's motion that it has beside its joints'.
     """
-    rest = 0 * stored.forces[0]
+    rest, paths = 0 * stored.forces[0], link_ends(system.links)
     # The scan does not store series that follow from others; those of an invalid run are NaN.
     time = jnp.asarray(grid.times(), rest.dtype)
     motion = as_motion(ground).velocity_and_bulge(time, grid.dt)
@@ -102,7 +104,9 @@ def response_of(
             )
         ),
         links=tuple(
-            _link_response(link, stored.links[k], stored.impacts[k], ends[k], time[-1] + rest[0])
+            _link_response(
+                link, paths[k], stored.links[k], stored.impacts[k], ends[k], time[-1] + rest[0]
+            )
             for k, link in enumerate(system.links)
         ),
         demand=scalars,
@@ -112,13 +116,23 @@ def response_of(
 
 
 def _link_response(
-    link: Link, series: dict[str, Any], ended: Impacts | None, end: Contact | None, last: jax.Array
+    link: Link,
+    path: WeightedEnds,
+    series: dict[str, Any],
+    ended: Impacts | None,
+    end: Contact | None,
+    last: jax.Array,
 ) -> LinkResponse:
-    """The series of a link, from the impacts that ended in each step and the last instant."""
+    """The series of a link, whose ``path`` closes its gap.
+
+    They follow from the impacts that ended in each step and the last instant.
+    """
     fast = link.velocity_friction
     slip_force = link.friction if fast is None else link.friction + fast.increase
     entries = dict(series, slip_force=slip_force + 0 * last, velocity_friction=fast)
-    entries |= {"ends": link.ends, "weights": link.weights}
+    entries["ends"] = link.ends
+    if isinstance(link.ends, WeightedMasses):
+        entries["weights"] = tuple(weight for _, weight in path)
     if link.inerter is not None:
         entries["inertance"] = link.inerter.inertance + 0 * last
     entries["gap"] = link.gap - entries.pop("closing")

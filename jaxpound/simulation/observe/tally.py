@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.ends import WeightedEnds, along, elongation, load_on
+from jaxpound.model.ends import WeightedEnds, along, link_ends, load_on
 from jaxpound.model.system import System
 from jaxpound.model.topology import Topology, is_storey
 from jaxpound.results.demand import Demand
@@ -171,7 +171,7 @@ class Tally(NamedTuple):
     """Running values for a ``Demand``."""
 
     ground: GroundPeaks
-    displacements: Peaks  # of the ``observed_ends``
+    displacements: Peaks  # of the ``paths``
     acceleration: Peaks  # of the masses
     forces: Peaks  # of the rods
     first_yields: tuple[jax.Array | None, ...]  # times, of rods that yield
@@ -190,7 +190,7 @@ class Tally(NamedTuple):
         ``soft`` adds the soft minimum of the gaps.
         """
         topology = system.topology
-        closings = [elongation(link, state.x) for link in system.links]
+        closings = [along(ends, state.x) for ends in link_ends(system.links)]
         counter = jax.lax.stop_gradient(zero)  # numbers of instants have no derivatives
         softly = LogMeanExp(zero, zero, zero) if soft else None
         zeros = ContactTally(*(zero,) * len(ContactTally._fields))
