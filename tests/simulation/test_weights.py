@@ -213,8 +213,8 @@ def frame_of(system):
     )
     sliders, faces = [], []
     for link in system.links:
-        ends = weighted(link.ends, link.weights)
-        if link.ends.side > 0:
+        if link.ends.side > 0:  # a left face has the weights of the right face before it
+            ends = weighted(link.ends, link.weights)
             sliders.append(exact.Slider(link.friction, ends))
         if isinstance(link.contact, jp.Newton):
             law = float(link.contact.restitution)
@@ -378,12 +378,14 @@ def test_the_unit_of_a_rotation_changes_nothing():
     others = {"masses.2": system.masses[2] / unit**2}
     for name in ("rods", "links"):
         for k, element in enumerate(getattr(system, name)):
-            for place, mass in enumerate(element.ends.masses):
+            # A left face has the weights of its right face, and none of its own.
+            pairs = zip(element.ends.masses, element.weights, strict=bool(element.weights))
+            for number, (mass, weight) in enumerate(pairs):
                 if mass == 2:
-                    others[f"{name}.{k}.weights.{place}"] = element.weights[place] / unit
+                    others[f"{name}.{k}.weights.{number}"] = weight / unit
     scaled = parameters.put(system, others)
     (x, _, run), (y, _, other) = (along(floats(s), floats(still), 1.0) for s in (system, scaled))
-    np.testing.assert_allclose(y, x * (1.0, 1.0, unit, 1.0), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(y, np.asarray(x) * [1.0, 1.0, unit, 1.0], rtol=0, atol=1e-10)
     assert run.demand.n_impacts_1 > 0
     for name in ("elongations", "absolute_accelerations"):
         for k, (a, b) in enumerate(zip(getattr(run, name), getattr(other, name), strict=True)):
