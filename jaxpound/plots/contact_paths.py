@@ -19,7 +19,7 @@ from jaxpound.results.impacts import Impact
 from jaxpound.results.response import Response
 from jaxpound.simulation.contact.forces import Constants
 from jaxpound.simulation.contact.local_flow import (
-    Progress,
+    FlowProgress,
     advance,
     start,
     unfinished,
@@ -162,8 +162,8 @@ def _flows(
 
 @partial(jax.jit, static_argnums=0)
 def _advance(
-    h: float, inputs: FlowInput, x: Progress | None
-) -> tuple[Progress, jax.Array, jax.Array]:
+    h: float, inputs: FlowInput, x: FlowProgress | None
+) -> tuple[FlowProgress, jax.Array, jax.Array]:
     """The state after a substep is tried, whether more follow, and the points as far as it went."""
     zero = 0 * inputs.closing[0]
     constants = Constants.of(h, 0, inputs, Clock(zero, zero, zero > 0))

@@ -12,7 +12,7 @@ from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
 from jaxpound.model.joint import Joint, groups, joints
 from jaxpound.model.system import System
 from jaxpound.simulation.contact.records import SLOTS, Contact
-from jaxpound.simulation.joints.coupled import Coupled, all_coupled, coupled, may_need_flow
+from jaxpound.simulation.joints.coupled import Coupled, all_coupled, joint_group, may_need_flow
 from jaxpound.simulation.joints.friction import FrictionLaw
 from jaxpound.simulation.rods.law import RodLaw
 from jaxpound.simulation.rods.laws import law_of
@@ -71,7 +71,7 @@ class StepConstants(NamedTuple):
             if may_need_flow(group, system):
                 shared.append(group)
             else:
-                alone.append(coupled(group, system, masses, influence))
+                alone.append(joint_group(group, system, masses, influence))
         kinds: Any = (*alone, *all_coupled(shared, system, masses, influence))
         flows: Literal["never", "sometimes", "always"] = "sometimes" if shared else "never"
         if any(link.velocity_friction for link in system.links):

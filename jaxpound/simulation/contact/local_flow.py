@@ -59,7 +59,7 @@ _JUST = 1.001  # length of a substep that should end just beyond an event, in un
 _ORDER, _LONGEST = 12, 0.8  # of a series, and of a substep by it in units of 1/rate
 
 
-class Progress(NamedTuple):
+class FlowProgress(NamedTuple):
     """How far a flow has come."""
 
     now: FlowState
@@ -82,7 +82,7 @@ class _First(NamedTuple):
     rate: Local  # and their time derivatives
 
 
-def start(constants: Constants) -> Progress:
+def start(constants: Constants) -> FlowProgress:
     """The state in which a flow starts."""
     inputs, h = constants.inputs, constants.h
     # A load that has grown since a slow touch would creep: the law is too stiff for it.
@@ -111,16 +111,16 @@ def start(constants: Constants) -> Progress:
     )
     never = zero != 0
     length = _longest(constants, now.regime, h - begin)
-    return Progress(now, now, never, zero.astype(int), length, h / 2 + zero, never)
+    return FlowProgress(now, now, never, zero.astype(int), length, h / 2 + zero, never)
 
 
-def unfinished(constants: Constants, flow: Progress) -> jax.Array:
+def unfinished(constants: Constants, flow: FlowProgress) -> jax.Array:
     """Whether the flow has not reached the end of the step."""
     finite = jnp.isfinite(flow.now.y.flat).all() & jnp.isfinite(constants.inputs.pull).all()
     return ~flow.ended & (flow.iterations < _MOST_ITERATIONS) & finite
 
 
-def advance(constants: Constants, flow: Progress) -> Progress:
+def advance(constants: Constants, flow: FlowProgress) -> FlowProgress:
     """Try a substep: accept it, to its end or an event in it, or reject it as too long."""
     h, x = constants.h, flow.now
     regime, inverse = x.regime, constants.inverse(x.regime)
@@ -158,7 +158,7 @@ def advance(constants: Constants, flow: Progress) -> Progress:
     return flow._replace(length=jnp.where(is_none, halved, flow.length))
 
 
-def within(constants: Constants, flow: Progress, time: jax.Array) -> tuple[jax.Array, ...]:
+def within(constants: Constants, flow: FlowProgress, time: jax.Array) -> tuple[jax.Array, ...]:
     """Time, and closings and contact forces of the gaps, a ``time`` after a substep's start."""
     x, inverse = flow.now, constants.inverse(flow.now.regime)
     begin = forces_at(constants, x.y.motion, x.regime, inverse)
@@ -167,7 +167,7 @@ def within(constants: Constants, flow: Progress, time: jax.Array) -> tuple[jax.A
     return y.t, constants.coupling.seen(y.s), forces.contact
 
 
-def result(constants: Constants, flow: Progress) -> FlowResult:
+def result(constants: Constants, flow: FlowProgress) -> FlowResult:
     """The result of a flow from the state in which it ended."""
     # NaN in what the run goes on from makes all of its results NaN.
     poison = jnp.where(flow.ended, 1.0, jnp.nan).astype(constants.dtype)
@@ -199,13 +199,13 @@ def result(constants: Constants, flow: Progress) -> FlowResult:
 
 def _with_next_length(
     constants: Constants,
-    flow: Progress,
+    flow: FlowProgress,
     length: jax.Array,
     event: _First,
     worst: jax.Array,
     wrong: jax.Array,
     regime: Regime,
-) -> Progress:
+) -> FlowProgress:
     """The state with the length of the next substep to try."""
     left, regime_after = larger(constants.h - flow.now.y.t, 0.0), flow.now.regime
     if constants.are_linear:

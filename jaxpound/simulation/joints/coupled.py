@@ -251,7 +251,7 @@ def all_coupled(
     influence: Sequence[Any],
 ) -> list[Coupled]:
     """The constants of groups of joints, those together whose numbers have the same shapes."""
-    alone = [coupled(joints, system, masses, influence) for joints in groups]
+    alone = [joint_group(joints, system, masses, influence) for joints in groups]
     together = []
     for numbers in by_kind([kind[1:] for kind in alone]):
         same = [alone[n] for n in numbers]
@@ -260,7 +260,7 @@ def all_coupled(
     return together
 
 
-def coupled(
+def joint_group(
     joints: Sequence[Joint],
     system: System,
     masses: Sequence[jax.Array],
