@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+import numpy as np
+
 from jaxpound.model.topology import GROUND, AnyEnds, WeightedMasses
 
 WeightedEnds = tuple[tuple[int, Any], ...]
@@ -40,6 +42,12 @@ def link_ends(links: Sequence[Element]) -> tuple[WeightedEnds, ...]:
         else:
             ends.append(weighted(link))
     return tuple(ends)
+
+
+def beside_axis(ends: WeightedEnds) -> WeightedEnds:
+    """Ends whose weights, maybe those of a batch, multiply arrays with one axis more."""
+    arrays = ((mass, np.asarray(w) if isinstance(w, float) else w) for mass, w in ends)
+    return tuple((mass, w if isinstance(w, int) else w[..., None]) for mass, w in arrays)
 
 
 def elongation(element: Element, x: Sequence[Any]) -> Any:

@@ -23,7 +23,7 @@ from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import Inerter, PowerLaw, VelocityFriction
-from jaxpound.model.ends import weighted
+from jaxpound.model.ends import along, beside_axis, weighted
 from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.topology import (
@@ -386,11 +386,8 @@ def _rows(elements: Sequence[Rod | Link], n: int) -> np.ndarray | None:
     """The weights of n masses in the elongation of each element; None if some are traced."""
     if is_traced([element.weights for element in elements]):
         return None
-    unit_motions = np.eye(n)
-    rows = [
-        sum(np.asarray(weight)[..., None] * unit_motions[mass] for mass, weight in weighted(x))
-        for x in elements
-    ]
+    unit_motions = [*np.eye(n)]
+    rows = [along(beside_axis(weighted(element)), unit_motions) for element in elements]
     return np.stack(np.broadcast_arrays(*rows), -2)
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
+from jaxpound.model.ends import along, beside_axis, load_on, weighted
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.topology import AnyEnds, Topology
 from jaxpound.quantities import column, unit
@@ -174,7 +174,9 @@ class Response(ByElement, Columnar, Shown):
         for link in self.links:
             more = (force for force in (link.contact, link.inertia) if force is not None)
             forces.append(sum(more, link.friction))
-        ends = [*map(_weighted, self.rods), *map(_weighted, self.links)]
+        ends = [
+            beside_axis(ends) for ends in (*map(weighted, self.rods), *map(weighted, self.links))
+        ]
         return tuple(
             load_on(i, ends, forces) / jnp.asarray(mass.mass)[..., None]
             for i, mass in enumerate(self.masses)
@@ -184,13 +186,13 @@ class Response(ByElement, Columnar, Shown):
     def closings(self) -> tuple[Any, ...]:
         """Closing s of each link: its gap is that at rest less s."""
         x = [mass.x for mass in self.masses]
-        return tuple(along(_weighted(link), x) for link in self.links)
+        return tuple(along(beside_axis(weighted(link)), x) for link in self.links)
 
     @property
     def elongations(self) -> tuple[Any, ...]:
         """Elongation of each rod; ``rods[r].force`` over it are the rod's loops of hysteresis."""
         x = [mass.x for mass in self.masses]
-        return tuple(along(_weighted(rod), x) for rod in self.rods)
+        return tuple(along(beside_axis(weighted(rod)), x) for rod in self.rods)
 
     @property
     def energy(self) -> Energy:
@@ -205,7 +207,9 @@ class Response(ByElement, Columnar, Shown):
                 inertance = jnp.asarray(link.inertance)[..., None]
                 kinetic = kinetic + inertance * link.slip_velocity**2 / 2
         steps, elongations = jnp.diff(self.time, axis=-1), self.elongations
-        works = steps * _means(_total(r.force * along(_weighted(r), v) for r in self.rods))
+        works = steps * _means(
+            _total(r.force * along(beside_axis(weighted(r)), v) for r in self.rods)
+        )
         if touching := [link.touching for link in self.links if link.touching is not None]:
             pairs = zip(self.rods, elongations, strict=True)
             of_motion = (_means(rod.force) * jnp.diff(elongation) for rod, elongation in pairs)
@@ -397,13 +401,6 @@ class Energy(NamedTuple):
         supplied = jnp.abs(self.input + jnp.asarray(self.initial)[..., None]).max(-1)
         share = jnp.abs(self.residual).max(-1) / jnp.where(supplied > 0, supplied, 1.0)
         return jnp.where(supplied > 0, share, 0.0)
-
-
-def _weighted(element: RodResponse | LinkResponse) -> WeightedEnds:
-    """Masses and weights of a rod or a link, those of a batch beside its series."""
-    if not element.weights:
-        return weighted(element)
-    return tuple((mass, jnp.asarray(weight)[..., None]) for mass, weight in weighted(element))
 
 
 def _means(series: Any) -> Any:

@@ -16,7 +16,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
 from jaxpound.model.dampers import PowerLaw
-from jaxpound.model.ends import WeightedEnds, along, mobility, weighted
+from jaxpound.model.ends import WeightedEnds, along, beside_axis, mobility, weighted
 from jaxpound.model.hysteresis import before_yield, zener_of
 from jaxpound.model.joint import groups, joints
 from jaxpound.model.places import link_places, rod_places
@@ -339,13 +339,8 @@ def _scaled(
     numbers = xp.stack(xp.broadcast_arrays(*[number for _, number in own]), -1)
     m = xp.stack(xp.broadcast_arrays(*[system.masses[i] for i in masses]), -1)
     unit_motions = np.eye(len(system.masses), dtype=numbers.dtype)[:, list(masses)]
-    by_part = [along(_beside_motions(ends), [*unit_motions]) for ends, _ in own]
+    by_part = [along(beside_axis(ends), [*unit_motions]) for ends, _ in own]
     known = all(isinstance(y, np.ndarray) for y in by_part)  # weights of 1 and −1 are no operations
     lib = np if known else xp
     root = lib.stack(lib.broadcast_arrays(*by_part), -1) / xp.sqrt(m)[..., None]
     return (root * numbers[..., None, :]) @ xp.swapaxes(root, -1, -2)
-
-
-def _beside_motions(ends: WeightedEnds) -> WeightedEnds:
-    """Ends whose weights, maybe those of a batch, multiply motions of several masses."""
-    return tuple((mass, w if isinstance(w, int) else w[..., None]) for mass, w in ends)
