@@ -119,7 +119,7 @@ class Rollout(NamedTuple):
         valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
         valid &= all_hold(extra_rules(extra)) & is_stable(system, dt, scheme)
         valid &= all_hold([] if initial is None else initial_rules(initial, system, dt))
-        zero = jnp.where(valid, jnp.zeros((), dtype), jnp.nan)
+        zero = unknown(jnp.where(valid, jnp.zeros((), dtype), jnp.nan))
         if any(link.contact or link.velocity_friction for link in system.links):
             zero = differentiated_with(zero, (structures, ground, extra, initial))
         displaced = velocities = None

@@ -163,3 +163,25 @@ def test_links_that_need_every_flow_and_long_rows_have_no_shortcut():
     assert has_shortcut(system) == (jax.default_backend() == "cpu")
     assert not has_shortcut(dataclasses.replace(system, links=(always, system.links[1])))
     assert not has_shortcut(many)
+
+
+def test_the_steps_of_a_block_are_one_program_in_a_batch_too():
+    """A state whose batch lies along another axis than that of its result would make them two."""
+    run = jax.make_jaxpr(jax.vmap(lambda mu: jp.demand(_with(mu), GROUND, GRID).min_gap))
+    with plan.chosen(plan.fast):
+        whole = run(jnp.ones(3)).jaxpr
+    programs = [program for name, program in _inner(whole) if name == "step"]
+    assert len(programs) > 1
+    assert len({id(program) for program in programs}) == 1
+
+
+def _with(friction):
+    return dataclasses.replace(pair(0), friction=friction)
+
+
+def _inner(program):
+    for equation in program.eqns:
+        for x in jax.tree.leaves(equation.params, is_leaf=lambda y: hasattr(y, "eqns")):
+            if inner := getattr(x, "jaxpr", x if hasattr(x, "eqns") else None):
+                yield equation.params.get("name"), inner
+                yield from _inner(inner)

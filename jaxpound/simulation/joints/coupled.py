@@ -73,7 +73,10 @@ class Coupled(NamedTuple):
 
     def _array(self, by_joint: Sequence[Any]) -> jax.Array:
         """Numbers of all joints as an array, (n,), or (groups, n) of several groups."""
-        flat, several = jnp.stack(by_joint), len(self.of)
+        # Not ``stack``: a batch of it lies along its last axis, so that a step, whose state has
+        # other axes than its result then, is traced and compiled twice.
+        flat = jnp.concatenate([jnp.expand_dims(y, 0) for y in by_joint])
+        several = len(self.of)
         return flat.reshape(several, -1) if several > 1 else flat
 
     def _by_group(self, tree: Any) -> list[Any]:

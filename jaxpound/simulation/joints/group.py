@@ -70,10 +70,8 @@ def without_flow(
         kicked = dataclasses.replace(group, delassus=mobility)
         motion = _motion_without_events(kicked, before.velocity, pushed, rise, h)
     else:
-        inputs = before.velocity, before.phase, pushed, rise, mobility[0], group.frictions
-        velocity, phase, pushed, rise_alone, inverse_mass, friction = (y.squeeze(0) for y in inputs)
-        motion = law.slide(LinkStep(velocity, phase, pushed, rise_alone, inverse_mass, friction, h))
-        motion = jax.tree.map(lambda y: y[None], motion)
+        step = before.velocity, before.phase, pushed, rise, mobility[0], group.frictions
+        motion = jax.vmap(lambda *link: law.slide(LinkStep(*link, h)))(*step)
     moved = Moved.by(motion, before, pull, h)
     if not group.may_need_flow:
         return moved
