@@ -142,7 +142,7 @@ def peer(ops, row, record, rule, stiffness, h, instants=INSTANTS):
 
 def ours(row, record, h):
     """The same by jaxpound, and the links' numbers of impacts."""
-    found = jp.simulate_row(*row, record, dt=h, duration=END)
+    found = jp.simulate(jp.Buildings(*row), record, dt=h, duration=END)
     at = np.round(INSTANTS / float(found.time[1])).astype(int)
     x = np.stack([np.asarray(mass.x)[at] for mass in found.masses], -1)
     return x, [int(link.n_impacts) for link in found.demand.links]
@@ -187,7 +187,7 @@ def processor_time(function, *args):
 def speed(ops, record, runs=1024, looped=5):
     """Processor time of a run: a batch of scaled records, and OpenSees' loop over a few of them."""
     row = rows()["three of one storey"]
-    system, scales = jp.dimensionless_row(*row)
+    system, scales = jp.Buildings(*row).dimensionless()
     shaking = scales.to_dimensionless(record)
     factors = np.linspace(0.5, 1.5, runs)
     for dt, stiffness, h in LIKE:

@@ -42,7 +42,9 @@ def row() -> None:
     runs = {}
     for name, slip_force in (("without dampers", 0.0), ("with dampers of 700 kN", 700e3)):
         links = jp.floor_links(buildings, friction=slip_force, gap=0.04, contact=law)
-        run = runs[name] = jp.simulate_row(buildings, links, record, duration=12.0, dt=0.005)
+        run = runs[name] = jp.simulate(
+            jp.Buildings(buildings, links), record, duration=12.0, dt=0.005
+        )
         print(name, len(run.impacts()), "impacts, smallest gap", run.min_gap, "m")
     moving = animate(runs, 60, 12.0, [building.elevations for building in buildings])
     moving.save(HERE / "row.gif", "pillow", dpi=90)

@@ -16,7 +16,7 @@ _WINGS += ("reliability", "hazard", "design")
 _MODULES = {"contact": "model.contact"} | {wing: wing for wing in (*_WINGS, "paper", "plots")}
 
 _NAMES = {  # of modules outside these packages
-    **dict.fromkeys(("Buildings", "dimensionless", "dimensionless_row"), "buildings"),
+    **dict.fromkeys(("Buildings", "dimensionless"), "buildings"),
     **dict.fromkeys(("InvalidInput", "PlausibilityWarning"), "_errors"),
     **dict.fromkeys(("in_chunks", "use_cores"), "_xla.batches"),
     **dict.fromkeys(("keep_programs", "use_loop_kernels"), "_xla.programs"),

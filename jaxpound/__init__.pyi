@@ -20,7 +20,6 @@ from ._xla.programs import keep_programs as keep_programs
 from ._xla.programs import use_loop_kernels as use_loop_kernels
 from .buildings import Buildings as Buildings
 from .buildings import dimensionless as dimensionless
-from .buildings import dimensionless_row as dimensionless_row
 from .design import *
 from .grid import TimeGrid as TimeGrid
 from .ground import *

@@ -241,8 +241,7 @@ def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
 _MAKES_STRUCTURES = "Buildings((left, right), links) makes structures of them"
 _TAKE_DIMENSIONLESS = "simulate and demand take dimensionless structures"
 _TAKEN_BY = {  # what takes an object that users pass to the wrong function, by its class
-    "Building": f"simulate_buildings takes two of them, and {_MAKES_STRUCTURES}",
-    "ShearBuilding": f"simulate_row takes them, and {_MAKES_STRUCTURES}",
+    **dict.fromkeys(("Building", "ShearBuilding"), _MAKES_STRUCTURES),
     "Buildings": "simulate and demand take it whole; its field buildings has each building",
     **dict.fromkeys(("AdjacentStructures", "Row", "Storeys", "System"), _TAKE_DIMENSIONLESS),
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -64,14 +64,7 @@ class Buildings:
 
     def __post_init__(self) -> None:
         self._check("Buildings")
-        if is_traced(self):
-            return
-        links = [
-            replace(x, contact=with_known_units(x.contact), damper=with_known_units(x.damper))
-            for x in self.links
-        ]
-        known = Buildings.of("Buildings", self.buildings, links, self.gravity)
-        _warn("Buildings", *known.dimensionless())
+        warn("Buildings", self.doubts, strict=False)
 
     @classmethod
     def of(
@@ -101,6 +94,18 @@ class Buildings:
             object.__setattr__(self, name, value)
 
     @property
+    def doubts(self) -> list[str]:
+        """What is implausible in buildings that are not traced; it was warned of."""
+        if is_traced(self):
+            return []
+        links = [
+            replace(x, contact=with_known_units(x.contact), damper=with_known_units(x.damper))
+            for x in self.links
+        ]
+        form = Buildings.of("Buildings", self.buildings, links, self.gravity).dimensionless()
+        return doubts(*form) + too_wide(*form)
+
+    @property
     def natural_frequencies(self) -> tuple[float, ...]:
         """Natural frequency of the first mode of each building, uncoupled, rad/s."""
         return self.row_in(1.0, 1.0, 1.0).natural_frequencies
@@ -119,11 +124,7 @@ class Buildings:
 
         Raises ``ValueError`` if a contact law is user-defined: its numbers' units are not known.
         """
-        return self.dimensionless_for("Buildings.dimensionless")
-
-    def dimensionless_for(self, owner: str) -> tuple[Row, Scales]:
-        """``dimensionless`` for the function ``owner``, which errors name."""
-        scales = self.scales
+        owner, scales = "Buildings.dimensionless", self.scales
         stiffness = storeys_of(self.buildings[0])[0].stiffness
         row = self.row_in(scales.mass, stiffness, scales.frequency, scales.length)
         return Row(row.buildings, scaled_links(self.links, scales, owner, operator.truediv)), scales
@@ -153,7 +154,9 @@ def dimensionless(
     Parameters
     ----------
     building_1, building_2, friction_force, gap, gravity, contact
-        As of ``simulate_buildings``; building 1 sets the scales.
+        Slip force of the damper ≥ 0, N, gap at rest ≥ 0, m, gravity g > 0, m/s², and the law of
+        contact, its stiffness in N/m, or N/m^1.5 for laws after Hertz; None lets the buildings pass
+        through each other. Building 1 sets the scales.
 
     Warns
     -----
@@ -174,7 +177,7 @@ def dimensionless(
     0.1
     """
     form = pair_of("dimensionless", (building_1, building_2), friction_force, gap, contact, gravity)
-    _warn("dimensionless", *form)
+    warn("dimensionless", doubts(*form) + too_wide(*form), strict=False)
     return form
 
 
@@ -193,10 +196,6 @@ def scaled_links(
 
 def _scales_of(storey: Building, gravity: Any) -> Scales:
     return Scales(storey.mass, (storey.stiffness / storey.mass) ** 0.5, gravity)
-
-
-def _warn(owner: str, structures: AdjacentStructures | Row, scales: Scales) -> None:
-    warn(owner, doubts(structures, scales) + too_wide(structures, scales), strict=False)
 
 
 def pair_of(
@@ -225,27 +224,3 @@ def pair_in(
     rods = left.zener(frequency), right.zener(frequency)
     ratios = left.mass / right.mass, right.stiffness / left.stiffness
     return AdjacentStructures(*rods, *ratios, friction, gap, contact)
-
-
-def dimensionless_row(
-    buildings: Sequence[Building | ShearBuilding],
-    links: Sequence[FloorLink] = (),
-    gravity: Any = STANDARD_GRAVITY,
-) -> tuple[Row, Scales]:
-    """The form of eq. (9) of ``Buildings(buildings, links, gravity)``, and its scales.
-
-    Parameters, errors and warnings are those of ``Buildings``, the scales its ``scales``.
-
-    Examples
-    --------
-    >>> low = jp.ShearBuilding.from_period(2, 300e3, period=0.3, damping_ratio=0.05)
-    >>> high = jp.ShearBuilding.from_period(4, 300e3, period=0.6, damping_ratio=0.05)
-    >>> links = jp.floor_links((low, high), friction=50e3, gap=0.05)
-    >>> row, scales = jp.dimensionless_row((low, high), links)
-    >>> len(row.links), round(float(row.links[1].gap * scales.length), 6)  # back in m
-    (2, 0.05)
-    """
-    owner = "dimensionless_row"
-    form = Buildings.of(owner, buildings, links, gravity).dimensionless_for(owner)
-    _warn(owner, *form)
-    return form

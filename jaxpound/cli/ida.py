@@ -16,7 +16,7 @@ from jaxpound.cli.reading import Count, File, Range, Section, between, named, re
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import SampleInterval, require_threshold
 from jaxpound.results.named import demand_in_words
-from jaxpound.simulation.buildings import natural_periods, record_grid
+from jaxpound.simulation.time_step import natural_periods, record_grid
 
 _Numbers = Annotated[list[float], says("a list of numbers", min_length=1)]
 _LEVELS = Range(1e-6, 100, "g", "twenty times the strongest PGA that was recorded")
@@ -149,9 +149,8 @@ def analysed(
 ) -> jp.IncrementalDynamicAnalysis:
     """The analysis of the buildings under these records."""
     ladder, system = config.ida, (config.structures, config.scales, config.scheme)
-    finest = min(suite, key=lambda record: float(record.dt))
-    longest = config.run.duration or max(float(record.duration) for record in suite)
-    grid = record_grid(f"{file.name}: [run]", *system, finest, longest, config.run.dt)
+    run = config.run
+    grid = record_grid(f"{file.name}: [run]", *system, [*suite], run.duration, run.dt)
     period = ladder.period or max(natural_periods(config.structures, config.scales))
     with named(f"{file.name}: [ida]"):
         return jp.incremental_dynamic_analysis(

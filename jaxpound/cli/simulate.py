@@ -19,7 +19,8 @@ from jaxpound.cli.tables import FACTOR_ON_RECORD
 from jaxpound.ground.plausibility import OFFSET
 from jaxpound.ground.reader import require_possible
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
-from jaxpound.simulation.buildings import record_grid
+from jaxpound.simulation.time_step import record_grid
+from jaxpound.units import SI_UNITS
 
 _Pga = Annotated[float, between(1e-6, MOST_PGA, "g", "several times the largest ever recorded")]
 
@@ -132,23 +133,11 @@ def respond(
     file: File, configuration: Simulation, record: jp.Record, *, strict: bool = False
 ) -> jp.Response:
     """The run in SI units, as the library makes it of these buildings."""
-    grid(file, configuration, record)  # its messages on dt and duration name their place
-    layout, run = configuration.layout, configuration.run
-    options: dict[str, Any] = {"duration": run.duration, "dt": run.dt, "strict": strict}
-    options["scheme"] = configuration.scheme
+    run, buildings = configuration.run, configuration.layout.si
+    scheme, place = run.scheme(SI_UNITS), f"{file.name}: [run]"
+    grid = record_grid(place, buildings, SI_UNITS, scheme, [record], run.duration, run.dt, strict)
     with named(f"{file.name}:"):
-        if not layout.is_pair:
-            return jp.simulate_row(layout.buildings, layout.si.links, record, **options)
-        (left, right), (link,) = layout.buildings, layout.si.links
-        options |= {"friction_force": link.friction, "gap": link.gap, "contact": link.contact}
-        return jp.simulate_buildings(left, right, record, **options)
-
-
-def grid(file: File, configuration: Simulation, record: jp.Record) -> jp.TimeGrid:
-    """The dimensionless time grid of the run."""
-    place, run = f"{file.name}: [run]", configuration.run
-    of_system = configuration.structures, configuration.scales, configuration.scheme
-    return record_grid(place, *of_system, record, run.duration, run.dt)
+        return jp.simulate(buildings, record, grid, scheme, strict=strict)
 
 
 def summary(

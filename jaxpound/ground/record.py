@@ -53,7 +53,7 @@ class Record(motion.GroundMotion):
     time_unit
         Unit of time: "s", as in files, or "1/ω1" (also spelled "1/omega1"), that of the
         dimensionless model. Runs of dimensionless structures refuse a record in seconds;
-        ``Scales.to_dimensionless`` converts it, and ``simulate_buildings`` takes it unchanged.
+        ``Scales.to_dimensionless`` converts it, and runs of ``Buildings`` take it unchanged.
     units
         Unit of the samples: "g", "m/s2", "cm/s2" or another unit of ``read_record``; None, an
         unstated unit, means g.

@@ -28,9 +28,9 @@ from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, common_gap, is_closable, without_contact
 from jaxpound.results import named
 from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
-from jaxpound.simulation.buildings import record_grid
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single_system
+from jaxpound.simulation.time_step import record_grid
 from jaxpound.store.store import RunLog, identity, program_digest
 from jaxpound.units import SI_UNITS, Scales, scales_for
 
@@ -83,9 +83,8 @@ class AnalysisOptions(NamedTuple):
         finest = min(suite, key=lambda record: float(record.dt))
         longest = max(suite, key=lambda record: float(record.duration))
         names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
-        duration, place = float(longest.duration), f"{owner}: records: {names}"
-        options: Any = {"duration": duration, "strict": self.strict}
-        return record_grid(place, structures, self.scales, self.scheme, finest, **options)
+        place, options = f"{owner}: records: {names}", (self.scheme, [*suite])
+        return record_grid(place, structures, self.scales, *options, strict=self.strict)
 
 
 class Intensity(NamedTuple):

@@ -59,8 +59,8 @@ def row(
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
     floors of each building above the ground, m (each one's ``elevations``); by default all storeys
-    are as high. ``scales`` are the units of dimensionless structures (``dimensionless_row``), for
-    numbers in SI. A new figure is high enough for the numbers to be read.
+    are as high. ``scales`` are the units of dimensionless structures, for numbers in SI. A new
+    figure is high enough for the numbers to be read.
 
     A ``ValueError`` if structures are no shear buildings, traced or a batch, ``Buildings`` have
     scales, or elevations are not one for each floor of each building, finite, from the lowest up.

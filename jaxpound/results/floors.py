@@ -121,8 +121,8 @@ def floor_demands(
     found
         The scalars of a run or a batch of runs of these structures.
     buildings
-        The buildings of ``dimensionless_row``, from left to right; by default those of
-        ``Buildings``. Their heights make ``drift_ratio`` of drifts in SI.
+        The buildings of a ``Row``, from left to right; by default those of ``Buildings``. Their
+        heights make ``drift_ratio`` of drifts in SI.
 
     Examples
     --------

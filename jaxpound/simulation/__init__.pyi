@@ -1,7 +1,3 @@
-from .buildings import simulate_buildings as simulate_buildings
-from .buildings import simulate_row as simulate_row
-from .divergence import Growth as Growth
-from .divergence import growth as growth
 from .joints.friction import EventResolved as EventResolved
 from .joints.friction import Smoothed as Smoothed
 from .joints.friction import Switching as Switching
@@ -13,8 +9,6 @@ from .run import simulate as simulate
 from .scheme import PAPER_SCHEME as PAPER_SCHEME
 from .scheme import Scheme as Scheme
 from .scheme import stability_limit as stability_limit
-from .spectrum import InelasticSpectrum as InelasticSpectrum
-from .spectrum import inelastic_spectrum as inelastic_spectrum
 from .time.history import FullHistory as FullHistory
 from .time.history import ModalHistory as ModalHistory
 from .time.history import gl_weights as gl_weights

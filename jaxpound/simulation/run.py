@@ -20,6 +20,7 @@ from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import rules
 from jaxpound._xla.programs import note_long_compilations
+from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, require_ground
 from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen
@@ -50,6 +51,7 @@ from jaxpound.simulation.scheme import (
     single_system,
 )
 from jaxpound.simulation.state import Instant
+from jaxpound.simulation.time_step import run_grid
 
 Case = tuple[Structures, Ground, InitialState | None]  # of a run, with its start
 
@@ -57,9 +59,11 @@ Case = tuple[Structures, Ground, InitialState | None]  # of a run, with its star
 def simulate(
     structures: Structures,
     ground: GroundLike,
-    grid: TimeGrid,
+    grid: TimeGrid | None = None,
     scheme: Scheme = Scheme(),
     *,
+    duration: float | None = None,
+    dt: float | None = None,
     initial: InitialState | None = None,
     strict: bool = False,
 ) -> Response:
@@ -80,22 +84,30 @@ def simulate(
         in g over time in s and all others in m/s². One that is not a pytree of arrays is evaluated
         on the grid before the run.
     grid
-        The instants, in the same unit of time.
+        The instants, in the same unit of time. None chooses it for ``Buildings`` that are not
+        traced.
     scheme
         The discretisation; the default is second-order accurate through stick and slip.
+    duration, dt
+        Of a grid that is chosen, in s. By default the duration is that of the longest record, and
+        must be stated without one. The step is by default the sample interval of the finest record,
+        or the largest 1/n of it, n whole, with at least 50 steps in the shortest of the buildings'
+        first periods and within half of the stability limit; without a record it also resolves
+        wavelets. It warns if a small τ_f makes the steps 20 times as many as else.
     initial
         Displacements and velocities at t = 0; by default all is at rest.
     strict
-        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``, also one that came when a
-        record of the ground motion was made.
+        Whether a ``PlausibilityWarning`` is raised as a ``ValueError``, also one that came when the
+        buildings, or a record of the ground motion, were made.
 
     Raises
     ------
     ValueError
-        If dt is not below the stability limit, a known value is invalid, or the ground motion has
-        another unit of time than the structures; if links share masses or have a law of contact and
-        the scheme is not of friction ``EventResolved()``; if ``strict``, also where there would be
-        a warning.
+        If dt is not below the stability limit, or above a record's where the grid is chosen, or the
+        duration is not from 2 to 1,000,000 steps; if a known value is invalid, or the ground motion
+        has another unit of time than the structures; if links share masses or have a law of contact
+        and the scheme is not of friction ``EventResolved()``; if ``strict``, also where there would
+        be a warning.
     FloatingPointError
         If the run ends in non-finite numbers although its input was valid.
 
@@ -120,40 +132,29 @@ def simulate(
     >>> [(phase.kind, round(phase.start, 2)) for phase in response.phases()[:3]]
     [('stick', 0.0), ('slip left', 0.64), ('slip right', 1.19)]
     """
-    response = respond("simulate", structures, ground, grid, scheme, strict, initial)
-    _warn_of_results("simulate", structures, ground, response.demand, strict)
-    return response
-
-
-def respond(
-    owner: str,
-    structures: Structures,
-    ground: GroundLike,
-    grid: TimeGrid,
-    scheme: Scheme,
-    strict: bool,
-    initial: InitialState | None = None,
-) -> Response:
-    """``simulate`` for the function ``owner``, which itself checks that results are plausible."""
-    ground_motion = _prepare(owner, structures, ground, grid, scheme, strict, initial)
+    owner, options = "simulate", (grid, scheme, duration, dt, strict, initial)
+    ground_motion, grid = _prepare(owner, structures, ground, *options)
     balanced = not is_traced((structures, ground_motion, initial))
     case = structures, ground_motion, initial
     response, residual = _simulate(case, program_key(case), grid, scheme, balanced)
     response = _finished(response)
     if balanced and not is_traced(residual):
         warn(owner, unbalanced(residual), strict)
-    if gravity_of(structures) is None:
-        return response
-    scalars = dataclasses.replace(response.demand, si=True)
-    return dataclasses.replace(response, demand=scalars, si=True)
+    if gravity_of(structures) is not None:
+        scalars = dataclasses.replace(response.demand, si=True)
+        response = dataclasses.replace(response, demand=scalars, si=True)
+    _warn_of_results(owner, structures, ground, response.demand, strict)
+    return response
 
 
 def demand(
     structures: Structures,
     ground: GroundLike,
-    grid: TimeGrid,
+    grid: TimeGrid | None = None,
     scheme: Scheme = Scheme(),
     *,
+    duration: float | None = None,
+    dt: float | None = None,
     temperature: ArrayLike | None = None,
     initial: InitialState | None = None,
     only: Sequence[str] | None = None,
@@ -167,7 +168,7 @@ def demand(
 
     Parameters
     ----------
-    structures, ground, grid, scheme
+    structures, ground, grid, scheme, duration, dt
         See ``simulate``.
     temperature
         T > 0, in the unit of the gap ξ, requests ``Demand.soft_min_gap``, −T log of the mean of
@@ -189,7 +190,8 @@ def demand(
     >>> float(demand.pounds)
     0.0
     """
-    ground_motion = _prepare("demand", structures, ground, grid, scheme, strict, initial)
+    options = grid, scheme, duration, dt, strict, initial
+    ground_motion, grid = _prepare("demand", structures, ground, *options)
     if temperature is not None:
         temperature = number("demand", "temperature", temperature)
         if not structures.system().links:
@@ -219,17 +221,19 @@ def _prepare(
     owner: str,
     structures: Structures,
     ground: GroundLike,
-    grid: TimeGrid,
+    grid: TimeGrid | None,
     scheme: Scheme,
+    duration: float | None,
+    dt: float | None,
     strict: bool,
     initial: InitialState | None,
-) -> Ground:
-    """Refuse concrete invalid input; put the ground motion in a form that can be traced."""
+) -> tuple[Ground, TimeGrid]:
+    """The ground motion in a form that can be traced, and the grid; invalid input is refused."""
     note_long_compilations()
     system = single_system(owner, structures)
-    instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     require_ground("ground", ground)
+    grid = run_grid(owner, structures, ground, grid, scheme, duration, dt, strict)
     require_stable(structures, scheme, grid.dt)
     require_local_flow(system, scheme)
     if initial is not None:
@@ -239,8 +243,9 @@ def _prepare(
     traceable = as_run(ground, scheme.finest(grid), gravity_of(structures))
     if not is_traced((structures, traceable)):
         findings = unseen(ground, grid, strict=strict) + imprecise(system, grid, traceable)
-        warn(owner, findings, strict)
-    return traceable
+        earlier = structures.doubts if strict and isinstance(structures, Buildings) else []
+        warn(owner, findings + earlier, strict)
+    return traceable, grid
 
 
 def _run(
@@ -322,10 +327,8 @@ def implausible_links(
     links: Sequence[Link],
     demand: Demand,
     single_link_names: tuple[str, str] | None = None,
-    *,
-    gaps: bool = True,
 ) -> list[str]:
-    """Findings in contact laws and ``gaps``: those of buildings are checked before their runs.
+    """Findings in contact laws and gaps.
 
     ``links`` are in the units of ``demand``; ``single_link_names`` those of gap and law of a single
     link, by default links are named by their ends.
@@ -337,8 +340,7 @@ def implausible_links(
         if is_closable(link.gap):  # else no contact is meant
             displacement = sum(abs(w) * demand.masses[mass].peak_x for mass, w in ends)
             gap, law = single_link_names or (f"link {place}: gap", f"link {place}")
-            if gaps:
-                findings += far_apart(gap, link.gap, displacement, si=demand.si)
+            findings += far_apart(gap, link.gap, displacement, si=demand.si)
             findings += too_deep(law, of_link.peak_penetration, displacement, si=demand.si)
     return findings
 

@@ -1,3 +1,5 @@
+from .divergence import Growth as Growth
+from .divergence import growth as growth
 from .fragility import Fragility as Fragility
 from .fragility import fit_fragility as fit_fragility
 from .gaps import asce_7_gap as asce_7_gap
@@ -5,5 +7,7 @@ from .gaps import en_1998_gap as en_1998_gap
 from .run import monte_carlo as monte_carlo
 from .sensitivity import Sensitivity as Sensitivity
 from .sensitivity import sobol_sensitivity as sobol_sensitivity
+from .spectrum import InelasticSpectrum as InelasticSpectrum
+from .spectrum import inelastic_spectrum as inelastic_spectrum
 from .statistics import Estimate as Estimate
 from .study import Study as Study

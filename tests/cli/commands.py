@@ -50,8 +50,7 @@ def simulated(text: str, record: Path, folder: Path):
     screen = run("simulate", "--record", record, "--config", path, "--out", out)
     given = File("row.toml", text).read(Simulation)
     ground = shaking(File("row.toml", text), given.ground, jp.read_record(record))
-    buildings, links = given.layout.si.buildings, given.layout.si.links
-    return screen, out, given.layout, jp.simulate_row(buildings, links, ground, duration=1.6)
+    return screen, out, given.layout, jp.simulate(given.layout.si, ground, duration=1.6)
 
 
 def faults(lines: str) -> list[list[str]]:

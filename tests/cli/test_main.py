@@ -212,7 +212,7 @@ def test_nobody_reads_what_is_printed(options):
 
 def test_a_link_is_warned_of_once_by_its_table_in_the_file(capsys):
     with cli._short_warnings(strict=False):
-        for name in ("configuration: [[link]] 3 (1–2, floor 5)", "simulate_row: link 1–2, floor 5"):
+        for name in ("configuration: [[link]] 3 (1–2, floor 5)", "simulate: link 1–2, floor 5"):
             warnings.warn(jp.PlausibilityWarning(f"{name}: gap = 9 m"), stacklevel=1)
     error = capsys.readouterr().err
     assert error == "jaxpound: warning: [[link]] 3 (1–2, floor 5): gap = 9 m\n"

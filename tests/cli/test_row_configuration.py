@@ -32,7 +32,7 @@ def test_the_example_is_the_library_s_row():
         jp.FloorLink(1, 1, friction=60e3, gap=0.03, contact=law),
         jp.FloorLink(1, 0, friction=100e3, next_building=1),
     )
-    row, scales = jp.dimensionless_row(buildings, links)
+    row, scales = jp.Buildings(buildings, links).dimensionless()
     for ours, expected in (
         (layout.si.buildings, buildings),
         (layout.si.links, links),

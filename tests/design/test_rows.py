@@ -212,7 +212,7 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     """A building that stands alone has no gap; a brace that is too strong only stiffens it."""
     buildings = (jp.ShearBuilding.from_period(1, 300e3, period=0.6, damping_ratio=0.05),)
     links = (jp.FloorLink(0, 0, next_building=0, friction=100e3),)
-    row, scales = jp.dimensionless_row(buildings, links)
+    row, scales = jp.Buildings(buildings, links).dimensionless()
     grid = jp.TimeGrid(0.15, 80)
     waves = [jp.Ricker(a, [p], [4.0]) for a, p in ((0.1, 4.0), (0.2, 5.0), (0.15, 6.0))]
     ensemble = jp.Ensemble.of(waves, grid)

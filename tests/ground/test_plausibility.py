@@ -152,14 +152,14 @@ def test_every_run_tells_of_an_earthquake_that_comes_after_its_end():
     words = "ground: 100% of the motion's energy .* comes after the end of the run"
     building = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
     record = jp.Record(0.2 * np.sin(9 * T) * (T > 2.0), 0.1)
-    buildings = partial(jp.simulate_buildings, friction_force=2e5, gap=0.1, duration=1.5)
+    pair = jp.Buildings((building,) * 2, (jp.FloorLink(0, 0, friction=2e5, gap=0.1),))
     drawn = jp.RandomRicker(1, jp.Uniform(0, 1e-4), jp.Uniform(1.0, 2.0), jp.Uniform(3.0, 7.0))
     study = partial(jp.monte_carlo, progress=False)
     outlasting = r"ground: 7\d% of the 256 .* outlast the run"
     for name, run, arguments, says in (
         ("simulate", jp.simulate, (PAIR, LATE, GRID), words),
         ("demand", jp.demand, (PAIR, LATE, GRID), words),
-        ("simulate_buildings", buildings, (building, building, record), words),
+        ("simulate", partial(jp.simulate, duration=1.5), (pair, record), words),
         ("monte_carlo", study, (jp.Scenarios(PAIR, drawn), 1000, GRID), outlasting),
     ):
         refused(f"^{name}: {says}", run, *arguments, strict=True)
@@ -248,16 +248,16 @@ def test_a_run_in_si_is_of_earthquakes_below_two_g(ground, pga):
 def test_a_doubtful_record_is_refused_by_strict_runs_of_all_that_is_made_of_it(arguments):
     with pytest.warns(jp.PlausibilityWarning, match="^Record: .*(dt = 10 s|no unit is stated)"):
         record = jp.Record(*arguments)
-    rule = "simulate_row: .*(dt = 10 s should be between 0.0001 and 0.1 s|no unit is stated)"
+    rule = "simulate: .*(dt = 10 s should be between 0.0001 and 0.1 s|no unit is stated)"
     for made in (record, record.scaled_to_pga(0.3), record.detrended()):
-        refused(rule, jp.simulate_row, FRAMES, (), made, strict=True)
+        refused(rule, jp.simulate, jp.Buildings(FRAMES), made, strict=True)
     refused("simulate: .*", jp.simulate, jp.Buildings(tuple(FRAMES)), record, FINE, strict=True)
 
 
 SECONDS = 0.02 * np.arange(1500)
 SHAKEN = np.exp(-(((SECONDS - 12) / 4) ** 2)) * np.sin(9 * SECONDS)  # peak of 1 at 12 s
 TOWER, LOW = (jp.Building.from_period(m, t, 0.05) for m, t in ((500e3, 2.5), (400e3, 0.8)))
-RUN = partial(jp.simulate_buildings, TOWER, LOW, friction_force=0.0, gap=0.15)
+RUN = partial(jp.simulate, jp.Buildings((TOWER, LOW), (jp.FloorLink(0, 0, gap=0.15),)))
 
 
 def test_an_offset_is_warned_of_by_what_it_does_and_refused_by_strict_runs_until_it_is_removed():
@@ -269,7 +269,7 @@ def test_an_offset_is_warned_of_by_what_it_does_and_refused_by_strict_runs_until
         record = jp.Record(0.1 * SHAKEN + 0.01, 0.02, "raw", units="g")
     assert len(caught) == 1
     for raw in (record, record.scaled_to_pga(0.2), record.resampled(0.01)):
-        refused(f"^simulate_buildings: {words}", RUN, raw, strict=True)
+        refused(f"^simulate: {words}", RUN, raw, strict=True)
         for made in (raw.without_mean(), raw.detrended(), raw.high_passed(0.1)):
             assert made.doubts == ()
     clean, gap = jp.Record(0.1 * SHAKEN, 0.02, units="g"), RUN(record.without_mean(), strict=True)

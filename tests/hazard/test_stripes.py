@@ -10,7 +10,7 @@ from tests.hazard.test_ida import LADDER, LEFT, PAIR, RIGHT, SCALES
 from tests.refusals import refused
 
 LINKS = [jp.FloorLink(0, 0, gap=0.02), jp.FloorLink(1, 0, gap=0.5)]
-ROW, ROW_SCALES = jp.dimensionless_row((LEFT, RIGHT, LEFT), LINKS)
+ROW, ROW_SCALES = jp.Buildings((LEFT, RIGHT, LEFT), LINKS).dimensionless()
 
 
 def striped(records, structures=PAIR, **changed):

@@ -87,8 +87,10 @@ def test_a_row_that_yields_is_the_same_in_both_units():
     links = (jp.FloorLink(0, 0, friction=50e3, gap=0.02, contact=jp.KelvinVoigt(1e9, 0.65)),)
     t = 0.02 * np.arange(150)
     record = jp.Record(0.4 * np.sin(10 * t) * np.exp(-((t - 1.5) ** 2)), dt=0.02)
-    in_si = jp.demand(jp.Buildings((weak, low), links), record, jp.TimeGrid.until(2.0, 0.005))
-    by_scales = jp.simulate_row((weak, low), links, record, duration=2.0, dt=0.005)
+    buildings, grid = jp.Buildings((weak, low), links), jp.TimeGrid.until(2.0, 0.005)
+    in_si, (row, scales) = jp.demand(buildings, record, grid), buildings.dimensionless()
+    shaking = scales.to_dimensionless(record)
+    by_scales = scales.to_si(jp.simulate(row, shaking, scales.grid(2.0, 0.005)))
     for name in ("ductility_1", "residual_drift_2", "dissipated_energy_1", "first_yield_time_1"):
         a, b = getattr(in_si, name), getattr(by_scales.demand, name)
         assert a == pytest.approx(float(b), rel=1e-7), name

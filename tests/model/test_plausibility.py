@@ -48,16 +48,14 @@ def test_numbers_in_a_wrong_unit_are_told_of_before_a_run(buildings, between, me
     with pytest.warns(jp.PlausibilityWarning, match=f"^dimensionless: {message}") as told:
         jp.dimensionless(*buildings, **between)
     assert [(len(told), told[0].filename)] == [(1, __file__)]
-    with pytest.raises(ValueError, match=f"^simulate_buildings: {message}"):
-        jp.simulate_buildings(*buildings, RECORD, **between, strict=True)
     # A row of the same says the same of its link.
     of_row = message.replace("friction_force", f"{LINK}: slip force")
     of_row = of_row.replace("contact:", f"{LINK}:")
     friction_force, gap, law = between.values()
     links = jp.floor_links(buildings, friction=friction_force, gap=gap, contact=law)
-    with pytest.warns(jp.PlausibilityWarning, match=f"^dimensionless_row: {of_row}"):
-        jp.dimensionless_row(buildings, links)
-    refused(f"^simulate_row: {of_row}", jp.simulate_row, buildings, links, RECORD, strict=True)
+    with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {of_row}"):
+        row = jp.Buildings(buildings, links)
+    refused(f"^simulate: {of_row}", jp.simulate, row, RECORD, strict=True)
 
 
 def test_gaps_are_judged_by_static_displacements():
@@ -65,11 +63,11 @@ def test_gaps_are_judged_by_static_displacements():
     with pytest.warns(jp.PlausibilityWarning, match=f"^dimensionless: {message} g, 0\\.29.* m"):
         jp.dimensionless(*pair(), **call(gap=10.0))
     links = jp.floor_links(pair(), gap=10.0)
-    with pytest.warns(jp.PlausibilityWarning, match=rf"^dimensionless_row: {LINK}: {message}"):
-        jp.dimensionless_row(pair(), links)
+    with pytest.warns(jp.PlausibilityWarning, match=rf"^Buildings: {LINK}: {message}"):
+        jp.Buildings(pair(), links)
     # The top moves 3 + 2 + 1 times what the weight of one floor makes of a storey.
     tower = jp.ShearBuilding.of_storeys([2e5] * 3, 1e8, 1.0, 1e-9, 1e-9)
-    row, scales = jp.dimensionless_row((tower,), gravity=10.0)
+    row, scales = jp.Buildings((tower,), gravity=10.0).dimensionless()
     floors = _Floors.of(row, scales)
     np.testing.assert_allclose(floors.moved, 2e5 * 10 / 1e8 * np.array([3, 5, 6]), rtol=0.02)
     np.testing.assert_allclose(floors.first_periods, [tower.natural_period], rtol=1e-9)
@@ -84,7 +82,7 @@ def test_usual_numbers_are_not_told_of_and_traced_ones_not_judged():
         left, right = map(jp.ShearBuilding.published, ("jankowski-left", "jankowski-right"))
         literature = jp.Jankowski(2.75e9, 0.65)  # with the force in N, of the same paper
         links = jp.floor_links((left, right), gap=0.02, contact=literature)
-        jp.dimensionless_row((left, right), links)
+        jp.Buildings((left, right), links)
 
     def gap(force, law):
         return jp.dimensionless(*pair(), force, 0.1, contact=law)[0].initial_gap
@@ -99,9 +97,9 @@ def test_usual_numbers_are_not_told_of_and_traced_ones_not_judged():
 
 
 OF_BLOCK, OF_STOREYS = jp.Building.from_period, jp.ShearBuilding.from_period
-OWNER, OF_ROW, ROD = "Building.from_period: ", r"dimensionless_row: links\.0", (1e8, 0.5, 0.01, 0.1)
+OWNER, OF_ROW, ROD = "Building.from_period: ", r"Buildings: links\.0", (1e8, 0.5, 0.01, 0.1)
 STRONG = jp.floor_links(pair(), friction=1e12)
-ROW, PAIR = jp.dimensionless_row, jp.dimensionless
+ROW, PAIR = jp.Buildings, jp.dimensionless
 NO_NUMBER = r"must be a real number \(0 stands for none\)"
 test_numbers_that_no_building_has_are_refused = refusals(
     (lambda: pair(periods=(900.0, 600.0)), "Building.from_period: period = 900 must be betwe"),
@@ -158,9 +156,9 @@ OF_UNITS = {
 def test_masses_and_strengths_in_a_wrong_unit_are_told_of(case):
     *buildings, message = case
     with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {message}") as told:
-        jp.Buildings(tuple(buildings))
+        alone = jp.Buildings(buildings)
     assert len(told) == 1
-    refused(f"^simulate_row: {message}", jp.simulate_row, buildings, (), RECORD, strict=True)
+    refused(f"^simulate: {message}", jp.simulate, alone, RECORD, strict=True)
 
 
 def test_a_huge_inertance_is_told_of():

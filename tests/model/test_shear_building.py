@@ -174,7 +174,7 @@ def test_a_building_is_differentiated_by_its_masses_and_rods_whatever_its_height
     link = FloorLink(0, 1, gap=0.1)
 
     def top(building):
-        return jp.dimensionless_row((building, low), (link,))[0].buildings[0].masses[1]
+        return jp.Buildings((building, low), (link,)).dimensionless()[0].buildings[0].masses[1]
 
     slopes = jax.grad(top)(low)
     assert slopes.storeys[1].mass == pytest.approx(1e-5)
@@ -194,7 +194,7 @@ def test_published_buildings_and_si_units():
     right = jp.Building.from_period(4e5, 0.5, 0.05)
     law = jp.KelvinVoigt(5e9, 0.65)
     link = FloorLink(0, 1, next_floor=0, friction=5e4, gap=0.03, contact=law)
-    row, scales = jp.dimensionless_row((left, right), (link,))
+    row, scales = jp.Buildings((left, right), (link,)).dimensionless()
     assert row.buildings[0].masses[0] == row.buildings[0].rods[0].stiffness == 1.0
     assert row.links[0].friction * scales.force == pytest.approx(5e4)
     assert row.links[0].gap * scales.length == pytest.approx(0.03)
@@ -204,7 +204,7 @@ def test_published_buildings_and_si_units():
     # Two blocks are those of ``dimensionless``.
     pair, other = jp.dimensionless(right, left.storeys[0], 5e4, 0.03)
     link = FloorLink(0, 0, friction=5e4, gap=0.03)
-    blocks, same = jp.dimensionless_row((right, left.storeys[0]), (link,))
+    blocks, same = jp.Buildings((right, left.storeys[0]), (link,)).dimensionless()
     assert vars(other) == vars(same)
     one, two = pair.system(), blocks.system()
     np.testing.assert_allclose(one.masses, two.masses, rtol=1e-14)
@@ -216,7 +216,7 @@ def test_published_buildings_and_si_units():
 LOW = ShearBuilding.from_period(2, 1e5, 0.3, 0.05)
 SHIFTED = ShearBuilding(LOW.storeys, (4.0, 3.0))
 BY_PERIOD, OF_STOREYS = ShearBuilding.from_period, ShearBuilding.of_storeys
-ROW, ROD, HIGH, OWNER = jp.dimensionless_row, (0.5, 0.1, 0.2), (FloorLink(0, 2),), "ShearBuilding."
+ROW, ROD, HIGH, OWNER = jp.Buildings, (0.5, 0.1, 0.2), (FloorLink(0, 2),), "ShearBuilding."
 test_bad_input = refusals(
     (lambda: ShearBuilding(()), r"storeys = \(\) must hold at least one storey"),
     (lambda: ShearBuilding(LOW.storeys, (3.0,)), "heights, 1 of them, must be 2, as storeys"),
@@ -239,10 +239,10 @@ test_bad_input = refusals(
 
 
 def test_floors_at_other_heights_are_linked_where_it_is_said_and_tall_buildings_shown_in_short():
-    row, _ = jp.dimensionless_row((LOW, SHIFTED), (FloorLink(0, 0, next_floor=0),))
+    row, _ = jp.Buildings((LOW, SHIFTED), (FloorLink(0, 0, next_floor=0),)).dimensionless()
     assert row.system().links[0].ends == (0, 2)
     building = ShearBuilding.from_period(20, 2e5, 2.0, 0.05)
     assert "<18 more>, Building(mass=200000, " in repr(building)
-    row, _ = jp.dimensionless_row((building,) * 4, jp.floor_links((building,) * 4, gap=0.1))
+    row, _ = jp.Buildings((building,) * 4, jp.floor_links((building,) * 4, gap=0.1)).dimensionless()
     for shown in map(repr, (building, row, row.buildings[0], row.system())):
         assert len(shown) < 900  # ten lines of a terminal

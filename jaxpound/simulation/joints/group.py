@@ -71,7 +71,7 @@ def without_flow(
         motion = _motion_without_events(kicked, before.velocity, pushed, rise, h)
     else:
         step = before.velocity, before.phase, pushed, rise, mobility[0], group.frictions
-        motion = jax.vmap(lambda *link: law.slide(LinkStep(*link, h)))(*step)
+        motion = jax.vmap(lambda *link: law.slide(LinkStep(*link, dt=h)))(*step)
     moved = Moved.by(motion, before, pull, h)
     if not group.may_need_flow:
         return moved

@@ -1,4 +1,4 @@
-"""Buildings and a record in SI units: the run of the dimensionless system, in one call."""
+"""Runs of buildings in SI units, and the grid that a record and their periods set."""
 
 import dataclasses
 import re
@@ -11,44 +11,65 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.plots.explorer import Explorer
-from jaxpound.simulation.buildings import chosen_step, record_grid, time_step
+from jaxpound.simulation.time_step import chosen_step, record_grid, time_step
 from tests.cli.commands import PULSE
 from tests.refusals import refusals, refused
 from tests.test_buildings import LEFT, RIGHT
 
 T = 0.02 * np.arange(300)
 RECORD = jp.Record(0.3 * np.sin(7 * T) * np.exp(-((T - 3) ** 2)), 0.02, "burst")
-DAMPED = {"friction_force": 200e3, "gap": 0.10}
-simulate = partial(jp.simulate_buildings, LEFT, RIGHT)
+DAMPED = {"friction": 200e3, "gap": 0.10}
 
 
-def assert_is_what_its_parts_are(response, record, **pair):
-    structures, scales = jp.dimensionless(LEFT, RIGHT, **pair)
+def pair(left=LEFT, right=RIGHT, gravity=jp.STANDARD_GRAVITY, **between):
+    return jp.Buildings((left, right), (jp.FloorLink(0, 0, **DAMPED | between),), gravity)
+
+
+def assert_is_what_its_parts_are(response, record, friction, gap, contact=None):
+    structures, scales = jp.dimensionless(LEFT, RIGHT, friction, gap, contact=contact)
     grid = scales.grid(record.duration, 0.01)  # half of .02 s: at most .6 s / 50
     parts = scales.to_si(jp.simulate(structures, scales.to_dimensionless(record), grid))
     np.testing.assert_allclose(response.gap, parts.gap, rtol=0, atol=1e-12)
 
 
-def test_one_call_is_what_its_parts_are_and_step_duration_scheme_and_gravity_may_be_chosen():
-    response = simulate(RECORD, **DAMPED)
+def test_a_run_without_a_grid_is_that_of_the_dimensionless_form():
+    response = jp.simulate(pair(), RECORD)
     assert response.si
     assert_is_what_its_parts_are(response, RECORD, **DAMPED)
     np.testing.assert_allclose(response.time, 0.01 * np.arange(599), atol=1e-12)
     pga, order = float(jp.pga(RECORD)), jp.Scheme(order=1)
     assert float(response.demand.pga) == pytest.approx(9.80665 * pga, rel=1e-6)
-    response = simulate(RECORD, **DAMPED, duration=4.5, dt=0.005, scheme=order, gravity=9.81)
+    options = {"duration": 4.5, "dt": 0.005}
+    response = jp.simulate(pair(gravity=9.81), RECORD, scheme=order, **options)
     assert float(response.time[-1]) == pytest.approx(4.5)
     assert response.time.shape == (901,)
     assert "order 1" in response.method
     assert float(response.demand.pga) == pytest.approx(9.81 * pga, rel=1e-6)
+    scalars = jp.demand(pair(gravity=9.81), RECORD, None, order, **options)
+    assert float(scalars.min_gap) == pytest.approx(float(response.min_gap), rel=1e-12)
+
+
+def test_of_several_records_the_finest_sets_the_step_and_the_longest_the_duration():
+    fine = jp.Record(0.01 * np.sin(np.arange(90)), 0.005, "fine")
+    time = jp.simulate(pair(), RECORD + fine).time
+    assert float(time[1]) == pytest.approx(0.005)
+    assert float(time[-1]) == pytest.approx(float(RECORD.duration))
+
+
+def test_without_a_record_steps_resolve_wavelets_and_the_duration_is_stated():
+    slow = jp.Ricker(0.05, 1.0, 2.0)
+    for wave, step in ((slow, 0.012), (slow + jp.Ricker(1e-4, 0.05, 2.0), 0.006)):
+        time = jp.simulate(pair(), wave, duration=4.0).time
+        assert float(time[1]) == pytest.approx(step, rel=1e-2)
+    refused("simulate: duration = None must be stated in s", jp.simulate, pair(), slow)
 
 
 def test_a_law_of_contact_is_in_si():
     law = jp.KelvinVoigt(stiffness=1e11, restitution=0.65)
-    pair = {"friction_force": 0.0, "gap": 0.03, "contact": law}
+    between = {"friction": 0.0, "gap": 0.03, "contact": law}
     record = jp.Record(PULSE, 0.02, "pulse")
-    response = simulate(record, **pair)
-    assert_is_what_its_parts_are(response, record, **pair)
+    response = jp.simulate(pair(**between), record)
+    assert_is_what_its_parts_are(response, record, **between)
     # So stiff a contact is short, and the blocks are alone with it. Spring and dashpot cancel after
     # (π − 2 φ)/ω_d, where ξ = sin φ; freely at .675 times the speed of the touch, the blocks have
     # parted another 2 ξ/ω later.
@@ -79,7 +100,7 @@ def test_the_time_step_of_a_row_counts_stiff_dampers_and_inertances():
     steps = []
     for case in ((row, (jp.FloorLink(0, 0, damper=damper),)), ((light,), links)):
         with pytest.warns(jp.PlausibilityWarning) as caught:
-            steps.append(jp.simulate_row(*case, RECORD, duration=0.3).time[1])
+            steps.append(jp.simulate(jp.Buildings(*case), RECORD, duration=0.3).time[1])
         words = " ".join(str(warning.message) for warning in caught)
         assert "after the end of the run" in words
         assert ("the damper of link 1–2, floor 1: dt is " in words) == (len(steps) == 1)
@@ -88,38 +109,15 @@ def test_the_time_step_of_a_row_counts_stiff_dampers_and_inertances():
     assert steps[1] == pytest.approx(0.01)
 
 
-def test_slip_force_gap_and_a_law_of_contact_may_be_traced():
-    """The step is chosen in a traced function, too."""
-
-    def min_gap(friction_force, gap):
-        return simulate(RECORD, friction_force=friction_force, gap=gap, strict=True).min_gap
-
-    both = jax.jit(jax.value_and_grad(min_gap, argnums=(0, 1)))
-    gap, (by_force, by_gap) = both(2e5, 0.1)
-    assert float(gap) == pytest.approx(float(min_gap(2e5, 0.1)), rel=1e-12)
-    along = jax.jit(lambda force: jax.jvp(lambda x: min_gap(x, 0.1), (force,), (1.0,))[1])
-    assert float(along(2e5)) == pytest.approx(float(by_force), rel=1e-9)
-    for change in (10.0, 50.0):
-        difference = (min_gap(2e5 + change, 0.1) - min_gap(2e5 - change, 0.1)) / (2 * change)
-        assert float(by_force) == pytest.approx(float(difference), rel=1e-3)
-    assert float(by_gap) == pytest.approx(1.0)
-
-    def touching(stiffness):
-        return simulate(RECORD, **DAMPED, contact=jp.KelvinVoigt(stiffness, 0.65)).min_gap
-
-    assert jax.eval_shape(touching, 1e9).shape == ()
-
-
 def test_a_step_above_the_limit_is_refused_with_the_part_that_sets_it_in_both_units():
     viscous = jp.Building.from_period(500e3, 0.9, 0.05, order=1, tau_f=1e-6)
-    pair = jp.Buildings((viscous, RIGHT), jp.floor_links((viscous, RIGHT), gap=0.1))
-    structures, scales = pair.dimensionless()
+    structures, scales = pair(viscous).dimensionless()
     tau_f, grid = 1e-6 / float(scales.time), jp.TimeGrid(0.01, 100)
     says = r"must be positive and below the stability limit \S+ of these .*, set by building 1"
     stiff = f"{says}, which its small tau_f = 1e-06 s makes .* times as stiff as at rest: a larger"
     for run, *args in (
-        (partial(jp.simulate_buildings, viscous, **DAMPED, dt=0.01), RIGHT, RECORD),
-        (jp.demand, pair, RECORD, grid),
+        (partial(jp.simulate, dt=0.01), pair(viscous), RECORD),
+        (jp.demand, pair(viscous), RECORD, grid),
     ):
         refused(stiff.replace(r"\S+", r"\S+ s"), run, *args)
     once = stiff.replace("1e-06 s", f"{tau_f:.4g}")
@@ -130,7 +128,7 @@ def test_many_steps_because_of_a_small_relaxation_time_are_no_longer_silent():
     """The steps and what asks for them; not by default, nor where the storeys' number does."""
     low = partial(jp.ShearBuilding.from_period, 5, 3e5, 0.55, 0.05, 1)
     high = jp.ShearBuilding.from_period(8, 3e5, 1.1, 0.05, 1, 1e-3)
-    system = *jp.Buildings((high, low(1e-6))).dimensionless(), jp.Scheme(), RECORD
+    system = *jp.Buildings((high, low(1e-6))).dimensionless(), jp.Scheme(), [RECORD]
     says = (
         r"^dt: 43,355 steps of 0\.000138 s are taken, 72 times as many as periods and record need, "
     )
@@ -147,7 +145,10 @@ def test_many_steps_because_of_a_small_relaxation_time_are_no_longer_silent():
 
 def test_the_part_that_sets_the_limit_is_a_storey_a_building_or_the_damper_of_a_link():
     high, low = (jp.ShearBuilding.from_period(n, 3e5, n / 6, 0.05) for n in (3, 2))
-    row = partial(jp.simulate_row, (high, low), record=RECORD)
+
+    def row(links, dt):
+        jp.simulate(jp.Buildings((high, low), links), RECORD, dt=dt)
+
     (first, second), stiff = jp.floor_links((high, low), gap=0.05), jp.PowerLaw(1e6, 1.0, 1.0)
     braced = dataclasses.replace(second, damper=jp.Rod(stiff, 1e11))
     elastic = jp.Building(4e5, 1e7, order=1.0, tau_f=0.1, tau_x=0.1)
@@ -155,19 +156,16 @@ def test_the_part_that_sets_the_limit_is_a_storey_a_building_or_the_damper_of_a_
     for part, run in (
         ("storey 2 of building 2", partial(row, links=(first, second), dt=0.3)),
         ("the damper of link 1–2, floor 2", partial(row, links=(first, braced), dt=0.02)),
-        ("building 2", partial(jp.simulate_buildings, other, elastic, RECORD, **DAMPED, dt=0.5)),
+        ("building 2", partial(jp.simulate, pair(other, elastic), RECORD, dt=0.5)),
     ):
-        refused(rf"^simulate_\w+: dt = \S+ s must .* of these structures, set by {part}$", run)
+        refused(rf"^simulate: dt = \S+ s must .* of these structures, set by {part}$", run)
 
 
 LIMIT = r"dt = 1 s must be positive and below the stability limit .* s of these str"
-FILE = "record = 'mine.at2' must be of type Record; read_record reads one from a file"
-NO_BUILDING = "building_1 = .*; simulate and demand take dimensionless structures"
-SWEEP = r"of shape \(2,\) must be one number: a sweep is jax\.vmap"
-ROW, STIFF = jp.ShearBuilding((LEFT,)), jp.Building(4e5, [1e7, 2e7], 0.5, 0.1, 0.2)
-HEAVY = jp.Building([4e5, 5e5], 1e7, 0.5, 0.1, 0.2)  # of which the units are
-STRUCTURES, SCALES = jp.dimensionless(LEFT, RIGHT, **DAMPED)
-STANDARD = {"building_1": LEFT, "building_2": RIGHT, "record": RECORD, **DAMPED}
+ROW = jp.ShearBuilding((LEFT,))
+STRUCTURES, SCALES = jp.dimensionless(LEFT, RIGHT, 200e3, 0.1)
+STANDARD = {"structures": pair(), "ground": RECORD}
+FIXED = r"must be None, since the grid has it"
 test_bad_arguments_are_named_in_si = pytest.mark.unchecked(
     refusals(
         ({"dt": 1.0}, LIMIT),
@@ -177,38 +175,37 @@ test_bad_arguments_are_named_in_si = pytest.mark.unchecked(
         ({"duration": 0.001}, r"duration = 0\.001 s must be between 2 and 1,000,000 steps"),
         ({"duration": 3600.0, "dt": 1e-3}, "duration = 3600 s must be between 2"),
         ({"duration": 4000}, "duration = 4000 s must be between 0.001 and 3600 s .at most an hour"),
-        ({"record": jp.Ricker(1, 1, 1)}, "record = .* must be of type Record"),
-        ({"record": "mine.at2"}, FILE),
         ({"scheme": 2}, "scheme = 2 must be of type Scheme"),
-        ({"building_2": STIFF}, r"building_2 of shape \(2,\)"),
-        ({"building_1": HEAVY}, r"building_1 of shape \(2,\) must be one building"),
-        ({"building_1": ROW}, "building_1 = .* must be of type Building; simulate_row takes them"),
-        ({"building_1": STRUCTURES}, NO_BUILDING),
-        *(({name: np.ones(2)}, f"{name} {SWEEP}") for name in ("friction_force", "gap", "gravity")),
-        of=lambda changes: jp.simulate_buildings(**STANDARD | changes),
-        before="^simulate_buildings: ",
+        ({"grid": 0.01}, "grid = 0.01 must be of type TimeGrid"),
+        ({"grid": jp.TimeGrid(0.01, 100), "dt": 0.01}, f"dt = 0.01 {FIXED}"),
+        ({"grid": jp.TimeGrid(0.01, 100), "duration": 1.0}, f"duration = 1.0 {FIXED}"),
+        ({"structures": STRUCTURES}, "grid = None must be a TimeGrid: it is chosen for Buildings"),
+        ({"structures": ROW}, r"structures = .*; Buildings\(\(left, right\), links\) makes"),
+        of=lambda changes: jp.simulate(**STANDARD | changes),
+        before="^simulate: ",
     )
 )
 
+OF_LINK = r"link 1–2[^:]*: "
 MOVES = "gap = 5 m should be at most 5 times what the buildings move at an acceleration of 1"
-SOFT = r"contact: stiffness = 10 N/m makes a contact last about 4\.7e"
-DEEP = r"contact: the penetration, 0\.\d+ m, should be at most 0\.25 "
+SOFT = r"stiffness = 10 N/m makes a contact last about 4\.7e"
+DEEP = r": the penetration, 0\.\d+ m, should be at most 0\.25 "
 
 
 def test_implausible_input_is_told_in_si():
-    soft = {"friction_force": 0.0, "gap": 0.0, "contact": jp.KelvinVoigt(10.0, 0.65)}
+    soft = {"friction": 0.0, "gap": 0.0, "contact": jp.KelvinVoigt(10.0, 0.65)}
     for record, changes, *messages in (
-        (RECORD.scaled_to_pga(7.0), {}, "record: PGA = 7 g should be at most 2 g"),
-        (RECORD, {"gap": 5.0}, MOVES),
-        (RECORD, soft, SOFT, DEEP),
+        (RECORD.scaled_to_pga(7.0), {}, "simulate: ground: PGA = 7 g should be at most 2 g"),
+        (RECORD, {"gap": 5.0}, f"Buildings: {OF_LINK}{MOVES}"),
+        (RECORD, soft, f"Buildings: {OF_LINK}{SOFT}", f"simulate: link 1–2[^:]*{DEEP}"),
     ):
         with pytest.warns(jp.PlausibilityWarning) as warned:
-            jp.simulate_buildings(LEFT, RIGHT, record, **DAMPED | changes)
+            jp.simulate(buildings := pair(**changes), record)
         assert [warning.filename for warning in warned] == [__file__] * len(messages)
         for words, warning in zip(messages, warned, strict=True):
-            assert re.match(f"simulate_buildings: {words}", str(warning.message))
-        says = f"^simulate_buildings: {messages[0]}"
-        refused(says, simulate, record, **DAMPED | changes, strict=True)
+            assert re.match(words, str(warning.message))
+        says = re.sub("Buildings: ", "simulate: ", messages[0])
+        refused(f"^{says}", jp.simulate, buildings, record, strict=True)
 
 
 GRID = jp.TimeGrid(0.1, 40)
@@ -248,27 +245,27 @@ test_dimensionless_structures_refuse_a_record_in_seconds = refusals(
     ),
 )
 
-OF_ROWS = r"demand: structures = .*; simulate_row takes them, and Buildings\(\(left, right\)"
 OF_FILES = r"ground = .*'mine.at2'.* must have acceleration\(t\).*; read_record reads one"
 MEANT = "must be in seconds, but is in"
+MAKES = r"structures = .*; Buildings\(\(left, right\), links\) makes structures of them"
 test_a_wrong_object_is_told_which_function_wants_it = pytest.mark.unchecked(
     refusals(
-        (jp.simulate, LEFT, WAVE, GRID, "simulate: structures = .*; simulate_buildings"),
-        (jp.demand, (LEFT, RIGHT), WAVE, GRID, "demand: structures = .*; simulate_bui"),
-        (jp.demand, ROW, WAVE, GRID, OF_ROWS),
+        (jp.simulate, LEFT, WAVE, GRID, f"simulate: {MAKES}"),
+        (jp.demand, (LEFT, RIGHT), WAVE, GRID, f"demand: {MAKES}"),
+        (jp.demand, ROW, WAVE, GRID, f"demand: {MAKES}"),
         (jp.simulate, STRUCTURES, Path("mine.at2"), GRID, OF_FILES),
     )
 )
 BURST = r"Record\('burst'.*"
 SAME_UNIT = rf"^RandomRecord: records\[1\] = {BURST} the same unit of time"
 DEMAND = jax.jit(lambda record: jp.demand(STRUCTURES, record, GRID).min_gap)
-GRADIENT = jax.grad(lambda x: jp.simulate_buildings(x, RIGHT, RECORD, **DAMPED).min_gap)
+GRADIENT = jax.grad(lambda gap: jp.simulate(pair(gap=gap), RECORD).min_gap)
 test_a_wrong_unit_of_time_and_traced_buildings_are_refused = refusals(
     (jp.Ensemble.of, [RECORD, SHAKING], GRID, "Ensemble: grounds must be in one unit of time"),
     (DEMAND, RECORD, r"Record\(\(300,\) samples, time in s\) must be in units of 1/ω1"),
     (jp.RandomRecord, (SHAKING, RECORD), SAME_UNIT),
     (Explorer, STRUCTURES, RECORD, GRID, f"^Explorer: ground: {BURST} in units of 1/ω1"),
-    (GRADIENT, LEFT, r"^simulate_buildings: buildings and record\.dt must be"),
+    (GRADIENT, 0.1, r"^simulate: grid = None must be a TimeGrid: it follows from the buildings"),
     (SCALES.to_dimensionless, SHAKING, f"record = {BURST}{MEANT}"),
-    (lambda: simulate(SHAKING, **DAMPED), f"{MEANT} units of 1/ω1 already"),
+    (jp.simulate, pair(), SHAKING, f"^ground: {BURST} must be in seconds, as Buildings are"),
 )

@@ -1,0 +1,140 @@
+"""The choice of a time step, and the grid of a run that a ground motion sets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from jaxpound._checks import Range, instance, is_traced, number
+from jaxpound._errors import InvalidInput, warn
+from jaxpound.buildings import Buildings
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import GroundLike, as_motion, records_in
+from jaxpound.ground.run_input import require_time_unit
+from jaxpound.model.row import Row
+from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import Structures
+from jaxpound.simulation.scheme import Scheme, require_stable, stability_limit, stiffest_rod
+from jaxpound.units import SI_UNITS, Scales
+
+STEPS_PER_PERIOD = 50  # at least: the error in a free vibration is then below 0.1 % of its period
+MOST_SHORTENED = 20.0  # times the steps that periods and record need: above it, a run warns of τ_f
+MOST_STEPS = 1_000_000  # of a run
+DURATION = Range(1e-3, 3600, "s", "at most an hour: the longest earthquakes take ten minutes")
+
+
+def run_grid(
+    owner: str,
+    structures: Structures,
+    ground: GroundLike,
+    grid: TimeGrid | None,
+    scheme: Scheme,
+    duration: Any,
+    dt: Any,
+    strict: bool,
+) -> TimeGrid:
+    """The grid of a run: the caller's, or, of ``Buildings``, that which the ground motion sets."""
+    if grid is not None:
+        instance(owner, "grid", grid, TimeGrid)
+        for name, value in (("duration", duration), ("dt", dt)):
+            if value is not None:
+                raise InvalidInput(owner, name, repr(value), "must be None, since the grid has it")
+        return grid
+    records: Any = [*records_in(ground)]
+    rule = "must be a TimeGrid"
+    if not isinstance(structures, Buildings):
+        raise InvalidInput(owner, "grid", "None", f"{rule}: it is chosen for Buildings only")
+    if is_traced((structures, [record.dt for record in records])):
+        reason = "it follows from the buildings and the record's dt, of which some are traced"
+        raise InvalidInput(owner, "grid", "None", f"{rule}: {reason}")
+    require_time_unit("ground", ground, si=True)
+    if records:
+        own = SI_UNITS, scheme, records, duration, dt, strict
+        return record_grid(f"{owner}:", structures, *own)
+    if duration is None:
+        rule = "must be stated in s, since the ground motion has no record"
+        raise InvalidInput(owner, "duration", "None", rule)
+    whole = float(number(owner, "duration", duration))
+    if dt is None:
+        dt = chosen_step(structures, SI_UNITS, scheme, whole, strict=strict)
+        while as_motion(ground).unresolved(dt) and whole < MOST_STEPS * dt / 2:
+            dt /= 2
+    return time_grid(f"{owner}:", SI_UNITS, whole, float(number(owner, "dt", dt)))
+
+
+def record_grid(
+    place: str,
+    structures: AdjacentStructures | Row | Buildings,
+    scales: Scales,
+    scheme: Scheme,
+    records: Sequence[Any],
+    duration: float | None = None,
+    dt: float | None = None,
+    strict: bool = False,
+) -> TimeGrid:
+    """The dimensionless time grid of a run under records; duration and dt are in s.
+
+    By default it is as long as the longest, with steps for the finest. A ``ValueError`` if one of
+    them breaks its rule, whose message starts with ``place``.
+    """
+    own = min(float(record.dt) for record in records)
+    whole = max(float(record.duration) for record in records)
+    if duration is not None:
+        whole = float(number(place.rstrip(":"), "duration", duration))
+        DURATION.require(f"{place} duration", whole)
+    if dt is None:
+        dt = chosen_step(structures, scales, scheme, whole, own, strict)
+    else:
+        dt = float(number(place.rstrip(":"), "dt", dt))
+        require_stable(structures, scheme, dt, place, scales.time)
+        if dt > own * (1 + 1e-9):
+            rule = f"at most the record's, {own:.6g} s: samples would be skipped"
+            raise ValueError(f"{place} dt = {dt:.6g} s must be {rule}")
+    return time_grid(place, scales, whole, dt)
+
+
+def natural_periods(
+    structures: AdjacentStructures | Row | Buildings, scales: Scales
+) -> list[float]:
+    """Natural period of the first mode of each building, uncoupled, s."""
+    return [2 * math.pi / float(w) * float(scales.time) for w in structures.natural_frequencies]
+
+
+def time_step(periods: Iterable[float], limit: float, record_dt: float = math.inf) -> float:
+    """The default time step of a run, s.
+
+    At most 1/50 of the shortest natural period and half of the stability limit; under a record its
+    sample interval over a whole number, so that no sample is missed.
+    """
+    largest = min(min(periods) / STEPS_PER_PERIOD, limit / 2)
+    if record_dt == math.inf:
+        return largest
+    return record_dt / math.ceil(record_dt / largest * (1 - 1e-9))
+
+
+def chosen_step(
+    structures: AdjacentStructures | Row | Buildings,
+    scales: Scales,
+    scheme: Scheme,
+    duration: float,
+    record_dt: float = math.inf,
+    strict: bool = False,
+) -> float:
+    """``time_step`` of a run of a duration, s; a warning if a small τ_f makes it short."""
+    limit, time = stability_limit(structures, scheme), float(scales.time)
+    periods = natural_periods(structures, scales)
+    dt, needed = (time_step(periods, x, record_dt) for x in (limit * time, math.inf))
+    part, stiffer = stiffest_rod(structures.system(), limit, scheme, time)
+    if min(needed / dt, stiffer**0.5) > MOST_SHORTENED:  # steps shorten with the square root
+        times = f"{duration / dt:,.0f} steps of {dt:.3g} s are taken, {needed / dt:.0f} times as "
+        warn("dt", [f"{times}many as periods and record need, because of {part}"], strict)
+    return dt
+
+
+def time_grid(place: str, scales: Scales, duration: float, dt: float) -> TimeGrid:
+    """The dimensionless grid of a duration and a step in s, if there are few enough steps."""
+    if not 2 * dt <= duration <= MOST_STEPS * dt:
+        rule = f"between 2 and {MOST_STEPS:,} steps of dt = {dt:.6g} s"
+        raise ValueError(f"{place} duration = {duration:.6g} s must be {rule}")
+    return scales.grid(duration, dt)
