@@ -27,9 +27,9 @@ from jaxpound.quantities import unit
 from jaxpound.results.elements import of_link
 from jaxpound.results.impacts import MOST, ImpactSeries
 from jaxpound.results.response import Response
-from jaxpound.simulation.rods.yielding import CyclicTest, cyclic_test
 from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme, imprecise, single_system
+from jaxpound.study.rod_tests import CyclicTest, cyclic_test
 from jaxpound.study.statistics import Estimate
 from jaxpound.units import Scales, scales_for
 

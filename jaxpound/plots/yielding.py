@@ -13,7 +13,7 @@ from jaxpound.model.capacity_curve import pushover as pushed_over
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes
-from jaxpound.simulation.rods.yielding import CyclicTest
+from jaxpound.study.rod_tests import CyclicTest
 
 
 @in_house_style

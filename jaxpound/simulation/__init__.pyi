@@ -1,9 +1,6 @@
 from .joints.friction import EventResolved as EventResolved
 from .joints.friction import Smoothed as Smoothed
 from .joints.friction import Switching as Switching
-from .rods.yielding import CyclicTest as CyclicTest
-from .rods.yielding import cyclic_test as cyclic_test
-from .rods.zener import rod_force as rod_force
 from .run import demand as demand
 from .run import simulate as simulate
 from .scheme import PAPER_SCHEME as PAPER_SCHEME

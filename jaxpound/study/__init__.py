@@ -3,7 +3,8 @@
 ``run`` runs a study ``chunk`` by chunk; ``study`` is the result, with the ``demands`` in its
 ``columns``, their ``statistics`` (with ``weighting`` for samples of unequal weight), required
 ``gaps`` and ``fragility``. ``sensitivity`` computes Sobol indices, ``spectrum`` the ductilities of
-many oscillators, and ``divergence`` the growth of a small change of a run.
+many oscillators, ``divergence`` the growth of a small change of a run, and ``rod_tests`` the force
+of a rod alone.
 """
 
 import lazy_loader

@@ -4,6 +4,9 @@ from .fragility import Fragility as Fragility
 from .fragility import fit_fragility as fit_fragility
 from .gaps import asce_7_gap as asce_7_gap
 from .gaps import en_1998_gap as en_1998_gap
+from .rod_tests import CyclicTest as CyclicTest
+from .rod_tests import cyclic_test as cyclic_test
+from .rod_tests import rod_force as rod_force
 from .run import monte_carlo as monte_carlo
 from .sensitivity import Sensitivity as Sensitivity
 from .sensitivity import sobol_sensitivity as sobol_sensitivity

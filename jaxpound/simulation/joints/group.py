@@ -70,8 +70,10 @@ def without_flow(
         kicked = dataclasses.replace(group, delassus=mobility)
         motion = _motion_without_events(kicked, before.velocity, pushed, rise, h)
     else:
-        step = before.velocity, before.phase, pushed, rise, mobility[0], group.frictions
-        motion = jax.vmap(lambda *link: law.slide(LinkStep(*link, dt=h)))(*step)
+        velocity, phase, friction = before.velocity, before.phase, group.frictions
+        link = LinkStep(velocity, phase, pushed, rise, mobility[0], friction, h)
+        axes: Any = LinkStep(*(0,) * 6, dt=None)  # type: ignore[arg-type]
+        motion = jax.vmap(law.slide, (axes,))(link)
     moved = Moved.by(motion, before, pull, h)
     if not group.may_need_flow:
         return moved

@@ -22,13 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import register_dataclass
 
-from jaxpound._checks import Rule, all_hold, count, enforce, finite, instance, real
-from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
-from jaxpound._fields import rules
 from jaxpound._xla.quotients import once, unit_of
-from jaxpound.model.hysteresis import HysteresisLaw
-from jaxpound.model.system import Rod
 from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.rods.slider import Turn, has_slider, slider_step
 
@@ -186,55 +181,3 @@ def followed(
     missed = (0.5 - jnp.abs(time)) ** 2 / 2
     inside = (jnp.abs(time) < 0.5) & (then > 0)
     return state, jnp.where(inside, -jump * direction * then * missed, 0.0), turn
-
-
-class CyclicTest(NamedTuple):
-    """Series of a cyclic test, each of shape (n,), in the units of its arguments."""
-
-    displacement: jax.Array
-    force: jax.Array
-    dissipated: jax.Array  # energy, by yielding until then
-
-
-def cyclic_test(law: Any, displacements: Any, stiffness: Any = 1.0, steps: int = 32) -> CyclicTest:
-    """Force of a rod under prescribed displacements, by its law of hysteresis and stiffness K.
-
-    The law is ``Bilinear``, ``BoucWen`` or any ``HysteresisLaw``. ``displacements`` are turning
-    points or a whole history, shape (n,) with n ≥ 2: between two of them the displacement only
-    grows or only falls, there in equal ``steps`` of the law. The result has all of them, (n − 1)
-    ``steps`` + 1 instants. ``Bilinear`` is exact for any number, ``BoucWen`` of second order.
-
-    Works under ``jit``, ``vmap`` and ``grad``. Raises ``ValueError`` for a number that breaks its
-    rule; traced ones give NaN.
-
-    Examples
-    --------
-    >>> test = jp.cyclic_test(jp.Bilinear(0.1), [0.0, 0.3, -0.3], stiffness=5.0, steps=1)
-    >>> test.force.tolist(), round(float(test.dissipated[-1]), 6)  # 0.5 (0.2 + 0.4)
-    ([0.0, 0.5, -0.5], 0.3)
-    """
-    owner = "cyclic_test"
-    instance(owner, "law", law, HysteresisLaw)
-    rod, x = Rod(law, stiffness), jnp.asarray(real(owner, "displacements", displacements))
-    if any(map(jnp.ndim, jax.tree.leaves(rod))):
-        raise InvalidInput(owner, "law", "", "must be of single numbers: jax.vmap takes several")
-    if x.ndim != 1 or x.size < 2:
-        raise InvalidInput(owner, "displacements", "", f"of shape {x.shape} must be (n,), n ≥ 2")
-    enforce(owner, checks := [Rule("displacements", x, finite(x), "finite"), *rules(rod)])
-    test = _tested(Hysteretic(law, rod.stiffness), x, count(owner, "steps", steps))
-    return jax.tree.map(lambda y: jnp.where(all_hold(checks), y, jnp.nan), test)
-
-
-@partial(jax.jit, static_argnames="steps")
-def _tested(rod: Hysteretic, turns: jax.Array, steps: int) -> CyclicTest:
-    share = jnp.arange(1, steps + 1, dtype=turns.dtype)[None] / steps
-    between = turns[:-1, None] * (1 - share) + turns[1:, None] * share
-    x, law = jnp.append(turns[0], between.reshape(-1)), rod.law
-    path = rod.within(x)
-
-    def step(before: tuple[Any, Any], e: Any) -> tuple[Any, Any]:
-        state = law.advance(*before, e)
-        return (state, e), (law.reduced_force(e, state), law.dissipated(state))
-
-    _, (force, dissipated) = jax.lax.scan(step, (law.start(path[0]), path[0]), path)
-    return CyclicTest(x, rod.modulus * force, rod.modulus * dissipated)

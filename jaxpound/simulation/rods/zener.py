@@ -5,22 +5,16 @@ Each rod keeps one history, of c_m = K τ_x x_m − τ_f f_m.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.tree_util import register_dataclass
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike
 
-from jaxpound._checks import Rule, enforce, finite, real
-from jaxpound._xla.plan import Work, choice
 from jaxpound.model.rod import ZenerRod
 from jaxpound.simulation.rods.law import RodLaw, RodStep
-from jaxpound.simulation.time.history import HistorySum, ModalHistory
-from jaxpound.simulation.time.scan import scan_with_history
 
 
 @register_dataclass
@@ -81,64 +75,6 @@ class Zener(RodLaw):
         force = f if rest is None else f + self.modulus * rest
         c = self.modulus * self.tau_x * e - self.tau_f * f
         return RodStep(force, force, self.modulus * e - f, c)
-
-
-def rod_force(
-    rod: ZenerRod,
-    displacement: ArrayLike | Sequence[float],
-    dt: float,
-    *,
-    stiffness: ArrayLike = 1.0,
-    order: int = 2,
-    history: HistorySum | None = None,
-) -> Float[Array, " time"]:
-    """Force f_0, f_1, …, shape (n,), of a rod under a prescribed displacement, from rest.
-
-    Where the displacement jumps, order 2 needs the mean of both sides as the sample: for x = 1 from
-    t = 0 on, x_0 = 1/2. An argument that breaks its rule is a ``ValueError``.
-
-    Parameters
-    ----------
-    rod
-        The rod.
-    displacement
-        Samples x_0, x_1, … at interval ``dt``, shape (n,), n ≥ 3.
-    dt
-        Sample interval > 0, in the unit of time of the rod's relaxation times.
-    stiffness
-        K, in the unit of force per unit of displacement.
-    order
-        Order of accuracy in dt, 1 (paper, eq. 10) or 2.
-    history
-        ``ModalHistory()`` by default.
-
-    Examples
-    --------
-    >>> rod = jp.ZenerRod(order=0.23, tau_f=0.004, tau_x=1.183)
-    >>> force = jp.rod_force(rod, [0.0, 0.1, 0.2, 0.3, 0.4], dt=0.1)
-    >>> [round(float(f), 3) for f in force]
-    [0.0, 0.325, 0.569, 0.804, 1.028]
-    """
-    x = jnp.asarray(real("rod_force", "displacement", displacement))
-    rules = [
-        Rule("dt", dt, 0 < dt < np.inf, "positive and finite"),
-        Rule("order", order, order in (1, 2), "1 or 2"),
-        Rule("displacement", x, finite(x), "finite"),
-        Rule("number of samples", x.size, x.ndim == 1 and x.size > 2, "at least 3, in one row"),
-    ]
-    enforce("rod_force", rules)
-    history = ModalHistory() if history is None else history
-    dtype = jnp.result_type(x, float)
-    x, rod = jax.tree.map(lambda a: jnp.asarray(a, dtype), (x, rod))
-    law = Zener.of(rod, jnp.asarray(stiffness, dtype), dt, order)
-
-    def advance(state: jax.Array, sums: list[jax.Array], m: jax.Array, now: jax.Array) -> Any:
-        at = law.step(state, now, sums[0], None)
-        return at.state, [at.remembered], at.force
-
-    rest = jnp.zeros((), dtype)
-    plan = choice()(Work(elements=1))
-    return scan_with_history(advance, rest, x.size - 1, [rod.order], history, x, plan)[1]
 
 
 def nyquist_stiffness(rod: ZenerRod, modulus: ArrayLike, dt: ArrayLike, order: int) -> Any:
