@@ -57,7 +57,7 @@ class Structured(Section, dict=True):
 
     def doubts(self) -> list[str]:
         """What is implausible in buildings, dampers and contact."""
-        return doubts(self.structures, self.scales)
+        return doubts(self.structures, self.scales) + too_wide(self.structures, self.scales)
 
     @cached_property
     def layout(self) -> BuildingsLayout:
@@ -104,10 +104,6 @@ class Shaken(Structured, kw_only=True):
     """Buildings under random earthquakes."""
 
     earthquakes: Earthquakes
-
-    def doubts(self) -> list[str]:
-        """And in gaps, which no run of the buildings judges by what they move."""
-        return super().doubts() + too_wide(self.structures, self.scales)
 
     def shaking(
         self, file: File, recorded: Iterable[jp.Record] = ()

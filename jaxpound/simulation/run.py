@@ -118,8 +118,8 @@ def simulate(
         record and loses more than 1 % of its energy; if more than 10 % of the motion's energy comes
         after the end of the grid (a function of t is not checked for either); if the energy balance
         of ``simulate`` leaves more than 3 % of the energy put in; if a record has a PGA above 5 g,
-        or for ``Buildings`` any other ground motion one above 2 g;
-        if the gap is more than 100 times the peak displacements of both its ends together, or a
+        or for ``Buildings`` any other ground motion one above 2 g; if the gap of dimensionless
+        structures is more than 100 times the peak displacements of both its ends together, or any
         penetration more than a quarter of them; if contact is run in single precision; if dt is
         more than four times c/K of a viscous damper (``PowerLaw``) on its brace, c = F/v.
 
@@ -328,7 +328,7 @@ def implausible_links(
     demand: Demand,
     single_link_names: tuple[str, str] | None = None,
 ) -> list[str]:
-    """Findings in contact laws and gaps.
+    """Findings in contact laws, and in gaps of dimensionless structures.
 
     ``links`` are in the units of ``demand``; ``single_link_names`` those of gap and law of a single
     link, by default links are named by their ends.
@@ -340,7 +340,8 @@ def implausible_links(
         if is_closable(link.gap):  # else no contact is meant
             displacement = sum(abs(w) * demand.masses[mass].peak_x for mass, w in ends)
             gap, law = single_link_names or (f"link {place}: gap", f"link {place}")
-            findings += far_apart(gap, link.gap, displacement, si=demand.si)
+            if not demand.si:  # those of Buildings were judged as they were made
+                findings += far_apart(gap, link.gap, displacement, si=False)
             findings += too_deep(law, of_link.peak_penetration, displacement, si=demand.si)
     return findings
 

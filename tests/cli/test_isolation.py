@@ -84,8 +84,8 @@ FACE = jp.FloorLink(0, 0, next_building=jp.GROUND, **FACE)
 OF_FACE = f"side = 'left'\ngap = 0.1\nfriction_force = 1e4\n{FASTER}"
 SECOND_FLOOR = "[[link]]\nbuilding = 1\nfloor = 2\n"
 GROUND = f"{STOREYS}[[link]]\nbuilding = 1\nfloor = 1\nnext_building = 'ground'\n"
-HIGH = LEAD_WALL.replace("0.3", "2").replace("wall", "height = 1.5, wall")
-NUMBERED = (FRAME, lead_rubber(height=1.5)[0]), lead_rubber(gap=2.0, number=1)[1]
+HIGH = LEAD_WALL.replace("0.3", "0.8").replace("wall", "height = 1.5, wall")
+NUMBERED = (FRAME, lead_rubber(height=1.5)[0]), lead_rubber(gap=0.8, number=1)[1]
 TUNED_INERTER = "tuned_mass = {inertance_ratio = 0.05, damping_ratio = 0.1"
 TUNED = "tuned_mass = {mass_ratio = 0.05, damping_ratio = 0.1}"
 FORMS = {

@@ -190,9 +190,8 @@ def test_units_and_dt_of_a_bare_record(write, tmp_path, capsys):
     assert (answers["run"]["dt_s"], answers["run"]["steps"]) == (pytest.approx(0.01), 200)
     assert not list(out.glob("series.*"))
     file, configuration = read(write("duration = 0.5 & dt = 0.02"))
-    grid = simulate.grid(file, configuration, jp.Record(PULSE, 0.02))
-    assert grid.n_steps == 25
-    assert grid.dt * float(configuration.scales.time) == pytest.approx(0.02)
+    time = simulate.respond(file, configuration, jp.Record(PULSE, 0.02)).time
+    assert (time.size, float(time[1])) == (26, pytest.approx(0.02))
 
 
 def read(path: Path) -> tuple[reading.File, simulate.Simulation]:
@@ -213,8 +212,9 @@ def test_rods_and_the_scheme_are_read_and_rods_may_rule_the_time_step(write):
     # A rod that is far stiffer when fast than when slow: the limit rules, not the period.
     rod = "mass = 4e5\nstiffness = 1e5\norder = 0.1\ntau_f = 1e-4\ntau_x = 90.0"
     file, configuration = read(write(text=with_second_building(rod)))
-    limit = jp.stability_limit(configuration.structures, configuration.scheme)
-    assert simulate.grid(file, configuration, jp.Record(PULSE, 0.02)).dt <= limit / 2
+    limit = jp.stability_limit(configuration.layout.si, configuration.scheme)
+    time = simulate.respond(file, configuration, jp.Record(PULSE[:40], 0.02)).time
+    assert float(time[1]) <= limit / 2
     assert read(write())[1].scheme == jp.Scheme()
     switching = read(write('friction = "switching" & order = 2 -> order = 1'))[1]
     assert switching.scheme == jp.Scheme(jp.Switching(), 1)
@@ -267,13 +267,13 @@ def test_a_truncated_record(el_centro, tmp_path, capsys):
 def test_implausible_input_is_one_warning_a_line_or_refused(write, pulse, tmp_path, capsys):
     moved = "gap = 10 m should be at most 5 times what the buildings move"
     for changes, finding in (
-        ("scale -> pga = 6", "record: PGA = 6 g should be at most 2 g"),
-        ("gap = 10 & scale = 1e-3", moved),
+        ("scale -> pga = 6", "ground: PGA = 6 g should be at most 2 g"),
+        ("gap = 10 & scale = 1e-3", moved),  # found before the run, in the file alone
     ):
         odd, out = write(f'{changes} & series = "none"'), tmp_path / finding[:3]
         call = ["simulate", "--record", str(pulse), "--config", str(odd), "--out", str(out)]
         error = refusal(capsys, *call, "--strict")
-        assert error.startswith(f"jaxpound: error: {odd}: {finding}")
+        assert error.removeprefix("jaxpound: error: ").removeprefix(f"{odd}: ").startswith(finding)
         assert cli.main(call) == 0
         (warning,) = capsys.readouterr().err.splitlines()
         assert warning.startswith(f"jaxpound: warning: {finding}")
