@@ -81,6 +81,12 @@ def touching(response: Response) -> list[LinkResponse]:
     return [link for link in response.links if link.contact is not None]
 
 
+def closed(link: LinkResponse) -> np.ndarray:
+    """Whether the gap of a link is closed, at each instant."""
+    met = np.asarray(link.gap) <= 0  # by Newton's law it is never below 0 itself
+    return met if link.touching is None else met | (np.asarray(link.touching) > 0)
+
+
 def contacts(owner: str, response: Response) -> dict[int, tuple[Curve, ContactPath]]:
     """Contact force and path of each link with a law of it; an ``InvalidInput`` if none has one."""
     if not (paths := followed_contacts(response)):

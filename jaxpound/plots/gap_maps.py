@@ -61,12 +61,8 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
 
     has_buildings = len(home) > 1 and not any(response.links[k].weights for k in links)
     order = sorted(links, key=place) if has_buildings else links
-    gaps = np.array([np.asarray(response.links[k].gap) for k in order])
-    for row, k in zip(gaps, order, strict=True):
-        touching = response.links[k].touching
-        if touching is not None:  # by Newton's law the gap itself is never below 0
-            row[np.asarray(touching) > 0] = -1.0
-    gaps = np.where(gaps <= 0, -1.0, gaps)
+    ordered = [response.links[k] for k in order]
+    gaps = np.array([np.where(curves.closed(link), -1.0, link.gap) for link in ordered])
 
     ax = new_axes(ax, height=max(0.8, (0.17 * len(order) + 0.9) / house.FIGURE_SIZE[1]))
     time = np.asarray(response.time)

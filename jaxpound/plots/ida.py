@@ -30,9 +30,8 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
     demand = in_words(analysis.demand, analysis.topology), kind_of(analysis.demand)
     unit, words = house.with_unit(*demand, analysis.si, shares.max())
     im, limit, demands = analysis.intensities, unit * analysis.threshold, unit * analysis.demands
-    for i, curve in enumerate(demands):
-        name = f"{len(analysis.names)} records" if i == 0 else "_record"
-        ax.plot(curve, im, color=COLOURS["residual"], alpha=0.6, linewidth=0.6, label=name)
+    first, *_ = ax.plot(demands.T, im, color=COLOURS["residual"], alpha=0.6, linewidth=0.6)
+    first.set_label(f"{len(analysis.names)} records")
     for share, curve, style in zip(FRACTILES, unit * shares, ("--", "-", "--"), strict=True):
         name = {0.16: "16 and 84 %", 0.5: "median"}.get(share, "_84 %")
         ax.plot(curve, im, style, color=COLOURS["damper"], label=name)

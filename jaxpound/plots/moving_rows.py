@@ -12,6 +12,7 @@ from matplotlib.patches import Rectangle
 from jaxpound.model.ends import elongation
 from jaxpound.model.places import homes
 from jaxpound.model.topology import GROUND, stacks, two_ends
+from jaxpound.plots.curves import closed
 from jaxpound.plots.rows import stack_heights
 from jaxpound.plots.style import COLOURS, arrow, building_colour, in_house_style
 from jaxpound.results.response import Response
@@ -99,16 +100,16 @@ class Scene:
         """Move everything to instant i of the run."""
         for floor in self._floors.values():
             floor.show(i, self._time[i])
-        closed = [link for link in self._links if link.show(i, float(self._time[i]))]
+        met = [link for link in self._links if link.show(i, float(self._time[i]))]
         shift = 0.4 * self._width * self._shaking[i] / self._strongest
         low = -2.4 * self._deep
         self._ground.set_positions((self._centre - shift, low), (self._centre + shift, low))
         words, colour = "", "pounding"
-        if closed:
-            modelled = all(link.collides for link in closed)
+        if met:
+            modelled = all(link.collides for link in met)
             words = "contact" if modelled else "POUNDING (not modelled)"
             if len(self._links) > 1:
-                words += f" at {len(closed)} of {len(self._links)} links"
+                words += f" at {len(met)} of {len(self._links)} links"
         elif len(self._links) == 1 and self._links[0].has_damper:
             sticks = self._links[0].sticks(i)
             words, colour = f"damper: {'stick' if sticks else 'slip'}", _DAMPER[sticks]
@@ -159,10 +160,8 @@ class _MovingLink:
     def __init__(self, ax: Axes, response: Response, k: int, floors: dict[int, _Floor]) -> None:
         link, time = response.links[k], response.time
         self.collides = link.contact is not None
-        self._closed = np.asarray(link.gap) <= 0
-        if link.touching is not None:  # by Newton's law the gap itself is never below 0
-            self._closed = self._closed | (np.asarray(link.touching) > 0)
-        self._phase, self._impacts = np.asarray(link.phase), response.impacts(k)
+        self._closed, self._phase = closed(link), np.asarray(link.phase)
+        self._impacts = response.impacts(k)
         self._hardest = max((impact.impulse for impact in response.impacts()), default=1.0)
         self._flash = 1 / 30 * float(time[-1] - time[0])  # three of a hundred frames
         ends = [floors[end] for end in link.ends if end in floors]
@@ -198,15 +197,15 @@ class _MovingLink:
         start = x[0], up + 0.14 * width
         self._arrow.set_positions(start, (start[0] - self._pull[i], start[1]))
         self._letter.set_position((start[0], start[1] + 0.1 * width))
-        closed = bool(self._closed[i])
-        self._mark.set_data(*([across] * 2, [up - slab, up]) if closed else ([], []))
+        is_closed = bool(self._closed[i])
+        self._mark.set_data(*([across] * 2, [up - slab, up]) if is_closed else ([], []))
         recent = [hit for hit in self._impacts if 0 <= time - hit.time < self._flash]
         self._star.set_visible(bool(recent))
         if recent:
             self._star.set_data([across], [up - slab / 2])
             self._star.set_markersize(7 + 13 * recent[-1].impulse / self._hardest)
             self._star.set_alpha(1 - (time - recent[-1].time) / self._flash)
-        return closed
+        return is_closed
 
     def _span(self, i: int) -> tuple[list[float], list[float]]:
         """From a floor's face to that of its neighbour, or from a lower floor to an upper one."""

@@ -29,16 +29,14 @@ class ExactSlider(widgets.HBox):
 
     def __init__(self, words: str, value: float, marks: NDArray[np.float64]) -> None:
         self._marks, self._words, self.first = marks, words, value
-        self._middles = (marks[1:] + marks[:-1]) / 2
-        name = widgets.Label(words, layout=_fixed(width="12em"))
-        track = widgets.Layout(width="auto", flex="1 1 auto")
-        place, last = self._nearest(value), len(marks) - 1
-        self.position = widgets.IntSlider(place, 0, last, readout=False, layout=track)
-        self.number = widgets.FloatText(value, layout=_fixed(width="7.5em"))
-        super().__init__([name, self.position, self.number], value=value, layout=_fixed())
-        self.observe(self._show, names="value")
+        fixed = {"flex": "0 0 auto"}  # neither grows nor shrinks with the number of rows
+        name = widgets.Label(words, layout=fixed | {"width": "12em"})
+        place, track = self._nearest(value), {"flex": "1 1 auto", "width": "auto"}
+        self.position = widgets.IntSlider(place, 0, len(marks) - 1, readout=False, layout=track)
+        self.number = widgets.FloatText(value, layout=fixed | {"width": "7.5em"})
+        super().__init__([name, self.position, self.number], value=value, layout=fixed)
         self.position.observe(self._dragged, names="value")
-        self.number.observe(self._typed, names="value")
+        traitlets.link((self, "value"), (self.number, "value"))
 
     @traitlets.validate("value")
     def _check(self, proposal: Any) -> float:
@@ -47,23 +45,15 @@ class ExactSlider(widgets.HBox):
         return value
 
     def _nearest(self, value: float) -> int:
-        return int(np.searchsorted(self._middles, value))
+        return int(np.searchsorted((self._marks[1:] + self._marks[:-1]) / 2, value))
 
+    @traitlets.observe("value")
     def _show(self, _: Any) -> None:
         self.position.value = self._nearest(self.value)
-        self.number.value = self.value
 
     def _dragged(self, _: Any) -> None:
         if self.position.value != self._nearest(self.value):  # else it shows the number already
             self.value = float(self._marks[self.position.value])
-
-    def _typed(self, _: Any) -> None:
-        self.value = self.number.value
-
-
-def _fixed(**layout: str) -> widgets.Layout:
-    """A layout that neither grows nor shrinks with the number of rows."""
-    return widgets.Layout(flex="0 0 auto", **layout)
 
 
 def even_marks(low: float, high: float) -> NDArray[np.float64]:

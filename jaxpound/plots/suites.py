@@ -49,9 +49,8 @@ def spectra(
     at = np.geomspace(low, high, _POINTS) if periods is None else np.asarray(periods, float)
     damping = damping if target is None else target.damping
     accelerations = records.spectra(at, damping)
-    for i, spectrum in enumerate(accelerations):
-        name = f"{len(accelerations)} records" if i == 0 else "_record"
-        ax.plot(at, spectrum, color=COLOURS["residual"], alpha=0.5, linewidth=0.6, label=name)
+    first, *_ = ax.plot(at, accelerations.T, color=COLOURS["residual"], alpha=0.5, linewidth=0.6)
+    first.set_label(f"{len(accelerations)} records")
     ax.plot(at, accelerations.mean(axis=0), color=COLOURS["damper"], label="their mean")
     if target is not None:
         inside = (at >= target.periods[0]) & (at <= target.periods[-1])

@@ -206,9 +206,9 @@ def test_what_is_kept_and_what_is_drawn_anew_give_the_same_picture():
     # A stronger run widens the axes; every run stays inside them.
     louder = jp.simulate(S, jp.Ricker(1.5, GROUND.periods, GROUND.arrivals), GRID)
     assert differ(panels.png(louder), drawn[3])
-    for panel in panels._panels:
-        low, high = panel.ax.get_ylim()
-        for line in panel.lines.values():
+    for ax in panels.figure.axes:
+        low, high = ax.get_ylim()
+        for line in ax.lines:
             assert low <= line.get_ydata().min() <= line.get_ydata().max() <= high
     with style.context("jaxpound.house"):  # other settings change nothing
         of_house = LivePanels(runs[0]).png(runs[0])
