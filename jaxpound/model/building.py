@@ -56,6 +56,7 @@ class Building:
     tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION)
     tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION)
     hysteresis: Any = part(HysteresisLaw, NoneType, traced=True, default=None)
+    _taken_by = "simulate_buildings takes two of them"
 
     def __post_init__(self) -> None:
         check(self)

@@ -66,6 +66,7 @@ class ShearBuilding:
     storeys: tuple[Building, ...] = part(Building, each=True)
     heights: tuple[float, ...] = static(default=3.0)
     n_tuned: int = static(default=0, listed=bool)
+    _taken_by = "simulate_row takes them"
 
     def __post_init__(self) -> None:
         owner, heights = "ShearBuilding", cast("Any", self.heights)

@@ -162,7 +162,7 @@ def test_the_part_that_sets_the_limit_is_a_storey_a_building_or_the_damper_of_a_
 
 LIMIT = r"dt = 1 s must be positive and below the stability limit .* s of these str"
 FILE = "record = 'mine.at2' must be of type Record; read_record reads one from a file"
-NO_BUILDING = "building_1 = .*; simulate and demand take dimensionless structures"
+NO_BUILDING = "building_1 = .*; simulate and demand take structures"
 SWEEP = r"of shape \(2,\) must be one number: a sweep is jax\.vmap"
 ROW, STIFF = jp.ShearBuilding((LEFT,)), jp.Building(4e5, [1e7, 2e7], 0.5, 0.1, 0.2)
 HEAVY = jp.Building([4e5, 5e5], 1e7, 0.5, 0.1, 0.2)  # of which the units are
