@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any, TypeVar
 
@@ -19,15 +19,14 @@ _KEPT = "kept"
 
 
 def recomputed(
-    function: Program, static_argnums: Sequence[int] = (), *, but_kept: bool = False
+    function: Program, static_argnums: tuple[int, ...] = (), *, but_kept: bool = False
 ) -> Program:
     """A function of which reverse mode keeps the arguments, and computes the rest anew.
 
     It may also keep those of its numbers that are ``kept``.
     """
     policy = jax.checkpoint_policies.save_only_these_names(_KEPT) if but_kept else None
-    statics = tuple(static_argnums)
-    return jax.checkpoint(function, prevent_cse=False, policy=policy, static_argnums=statics)
+    return jax.checkpoint(function, prevent_cse=False, policy=policy, static_argnums=static_argnums)
 
 
 def kept(tree: T) -> T:

@@ -56,9 +56,8 @@ def where_needed(work: Callable[..., Any], width: int) -> Callable[..., Any]:
             return _in_groups(width, side_by_side, needed, args, empty)
 
         def masked() -> Any:
-            used = jax.vmap(jnp.where, (0, 0, None))
-            zero = jax.tree.map(lambda x: x[0], empty)
-            return jax.tree.map(partial(used, needed), side_by_side(*args), zero)
+            used = partial(jax.vmap(jnp.where), needed)
+            return jax.tree.map(used, side_by_side(*args), empty)
 
         return lax.cond(needed.any(), masked, lambda: empty)
 

@@ -18,7 +18,6 @@ import jax.numpy as jnp
 from jax import core, lax
 from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
-from jax.extend.core import Jaxpr
 
 from jaxpound._xla.batches import on_each_device
 from jaxpound._xla.lanes import next_lanes
@@ -40,26 +39,19 @@ def with_shortcut(
         program, shapes = jax.make_jaxpr(whole, return_shape=True)(*args)
         shorter = jax.make_jaxpr(short)(*args)
         n, end = len(program.consts), len(program.consts) + len(shorter.consts)
-        whole_program, short_program = map(_without_outside, (program.jaxpr, shorter.jaxpr))
+        whole_program, short_program = program.jaxpr, shorter.jaxpr
 
         def all_of_it(*values: Any) -> list[Any]:
-            return core.eval_jaxpr(whole_program, (), *values[:n], *values[end:])
+            return core.eval_jaxpr(whole_program, values[:n], *values[end:])
 
         def part_of_it(*values: Any) -> list[Any]:
-            return core.eval_jaxpr(short_program, (), *values[n:])
+            return core.eval_jaxpr(short_program, values[n:end], *values[end:])
 
         outside = *program.consts, *shorter.consts
         results = _in_batches(all_of_it, part_of_it, *outside, *jax.tree.leaves(args))
         return jax.tree.unflatten(jax.tree.structure(shapes), results)
 
     return function
-
-
-def _without_outside(program: Jaxpr) -> Jaxpr:
-    """A program that holds nothing of the outside: what it uses of it are its first arguments."""
-    inputs = *program.constvars, *program.invars
-    names = program.debug_info.with_unknown_names()
-    return Jaxpr((), inputs, program.outvars, program.eqns, program.effects, names)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
