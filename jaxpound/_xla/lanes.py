@@ -17,18 +17,13 @@ from jax.custom_batching import custom_vmap
 
 from jaxpound._xla.batches import on_each_device
 
-_ON_CPU, _ON_CPU_IN_REVERSE, _ELSEWHERE = 8, 2, 256
-"""Lanes of a batch, at most, that work side by side; in reverse each has a dozen columns."""
-
 _FEW = 16  # lanes, all computed where any needs it: XLA makes no kernel of a loop that scatters
 _COMPARED = 4096  # lanes up to which comparing all of them finds the next; beyond, a binary search
 
 
 def lanes_at_a_time(reverse: bool) -> int:
-    """The default width of ``where_needed``."""
-    if jax.default_backend() != "cpu":
-        return _ELSEWHERE
-    return _ON_CPU_IN_REVERSE if reverse else _ON_CPU
+    """The default width of ``where_needed``; in reverse each lane has a dozen columns."""
+    return 256 if jax.default_backend() != "cpu" else 2 if reverse else 8
 
 
 def where_needed(work: Callable[..., Any], width: int) -> Callable[..., Any]:
@@ -66,23 +61,19 @@ def where_needed(work: Callable[..., Any], width: int) -> Callable[..., Any]:
         joined = jax.tree.map(lambda x: x.reshape(size * each, *x.shape[2:]), args)
         return jax.tree.map(lambda x: x.reshape(size, each, *x.shape[1:]), many(*joined))
 
-    single.def_vmap(_on_devices(many))
-    many.def_vmap(_on_devices(flat))
+    single.def_vmap(partial(_on_devices, many))
+    many.def_vmap(partial(_on_devices, flat))
     return single
 
 
-def _on_devices(function: Callable[..., Any]) -> Callable[..., Any]:
+def _on_devices(function: Callable[..., Any], size: int, batched: Any, *args: Any) -> Any:
     """The rule of a batch: arguments get its axis, also those that all lanes share."""
 
-    def repeated(size: int, x: Any, differs: bool) -> Any:
+    def repeated(x: Any, differs: bool) -> Any:
         return x if differs else jnp.broadcast_to(x, (size, *jnp.shape(x)))
 
-    def rule(size: int, batched: Any, *args: Any) -> Any:
-        args = jax.tree.map(partial(repeated, size), args, tuple(batched))
-        out = on_each_device(function, *args, size=size)
-        return out, jax.tree.map(lambda _: True, out)
-
-    return rule
+    out = on_each_device(function, *jax.tree.map(repeated, args, tuple(batched)), size=size)
+    return out, jax.tree.map(lambda _: True, out)
 
 
 def _in_groups(width: int, work: Callable[..., Any], needed: jax.Array, args: Any, out: Any) -> Any:

@@ -61,11 +61,7 @@ def _in_batches(whole: Callable[..., Any], short: Callable[..., Any], *values: A
     @single.def_vmap
     def batch(size: int, batched: Sequence[bool], *values: Any) -> tuple[list[Any], list[bool]]:
         axes, shared = [0 if differs else None for differs in batched], [not x for x in batched]
-        whole_batch, short_batch = jax.vmap(whole, axes), jax.vmap(short, axes)
-
-        def on_device(*values: Any) -> list[Any]:
-            *results, needed = short_batch(*values)
-            return _replaced(whole_batch, needed, shared, values, results)
+        on_device = partial(_of_device, jax.vmap(whole, axes), jax.vmap(short, axes), shared)
 
         @custom_vmap
         def runs(*values: Any) -> list[Any]:
@@ -108,14 +104,11 @@ def _(
     return jax.jvp(of_moved, [values[i] for i in moved], [changes[i] for i in moved])
 
 
-def _replaced(
-    whole: Callable[..., list[Any]],
-    needed: jax.Array,
-    shared: Sequence[bool],
-    values: Sequence[Any],
-    results: list[Any],
+def _of_device(
+    whole: Callable[..., Any], short: Callable[..., Any], shared: Sequence[bool], *values: Any
 ) -> list[Any]:
-    """The results of a batch with those of the runs that need the ``whole`` replaced by its own."""
+    """The results of a batch by ``short``, those of the runs that need the ``whole`` by that."""
+    *results, needed = short(*values)
     size = needed.shape[0]
     width = min(max(_SMALLEST, -(-size // _MOST_GROUPS)), size)
 
