@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Callable, Sequence
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from functools import cache, partial
 from typing import Any, TypeVar
 
@@ -229,11 +229,9 @@ def on_each_device(
     """
 
     def apart(*args: Any) -> T:
-        token = _is_apart.set(True)
-        try:
-            return work(*args)
-        finally:
-            _is_apart.reset(token)
+        context = copy_context()
+        context.run(_is_apart.set, True)
+        return context.run(work, *args)
 
     if (mesh := _mesh_for(size)) is None:
         return apart(*args)

@@ -7,7 +7,6 @@ the next state and its results, having put one number at the end of each window.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -15,17 +14,15 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxpound._xla.derivatives import recomputed
+from jaxpound._xla.derivatives import Program, recomputed
 from jaxpound._xla.plan import Plan
 from jaxpound._xla.quotients import differentiated_once, unit_of
 from jaxpound._xla.shortcut import with_shortcut
 
-Step = Callable[..., Any]
-
 
 def steps_of_block(
-    plan: Plan, step: Step, short: Step | None, length: int, window: int, zero: jax.Array
-) -> Step:
+    plan: Plan, step: Program, short: Program | None, length: int, window: int, zero: jax.Array
+) -> Program:
     """A block as a function of (number, carry, windows), numbers and entries for its steps.
 
     It returns the carry, the windows and the results of ``scan_blocks``. Windows have the last
@@ -42,7 +39,7 @@ def steps_of_block(
 
 
 def scan_blocks(
-    plan: Plan, block: Step, state: Any, inputs: Any, length: int, n_steps: int, checkpoint: bool
+    plan: Plan, block: Program, state: Any, inputs: Any, length: int, n_steps: int, checkpoint: bool
 ) -> tuple[Any, Any]:
     """``lax.scan`` of blocks: (number, *state) at the end, and the series of steps' results.
 
@@ -60,7 +57,7 @@ def scan_blocks(
         padded = jnp.pad(x, [(idle, 0), *[(0, 0)] * (x.ndim - 1)])
         return padded.reshape(segments, segment, length, *x.shape[1:])
 
-    run: Step = partial(lax.scan, block, length=segment)
+    run: Program = partial(lax.scan, block, length=segment)
     run = recomputed(run) if checkpoint else run
     state, inputs = (jnp.asarray(-idle), *state), jax.tree.map(in_blocks, inputs)
     if segments > 1:
@@ -73,7 +70,7 @@ def scan_blocks(
 
 
 def _written_out(
-    step: Step, length: int, unit: jax.Array | None, state: Any, ahead: Any, entries: Any
+    step: Program, length: int, unit: jax.Array | None, state: Any, ahead: Any, entries: Any
 ) -> Any:
     """The steps of a block one after the other, with their results in a list."""
     split, out = [lax.split(x, (1,) * length) for x in ahead], []
@@ -87,7 +84,7 @@ def _written_out(
     return carry, [c[-length:] for c in windows], out
 
 
-def _shorter(step: Step, length: int, state: Any, ahead: Any, entries: Any) -> Any:
+def _shorter(step: Program, length: int, state: Any, ahead: Any, entries: Any) -> Any:
     """The same of shorter steps, with the results in arrays, and whether any of them needs more."""
     carry, windows, out = _written_out(step, length, None, state, ahead, entries)
     results, needs_more = jax.tree.map(lambda *x: jnp.stack(x), *out)
@@ -95,7 +92,7 @@ def _shorter(step: Step, length: int, state: Any, ahead: Any, entries: Any) -> A
 
 
 def _in_loop(
-    step: Step, length: int, window: int, zero: jax.Array, state: Any, ahead: Any, entries: Any
+    step: Program, length: int, window: int, zero: jax.Array, state: Any, ahead: Any, entries: Any
 ) -> Any:
     """The steps of a block as a loop, with windows of constant length, and results in arrays."""
 

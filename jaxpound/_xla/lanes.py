@@ -86,15 +86,14 @@ def _in_groups(width: int, work: Callable[..., Any], needed: jax.Array, args: An
         # The next lanes that need the work; the group is filled up with copies of its first.
         numbers = next_lanes(places, done, width)
         lanes = jnp.where(numbers < size, numbers, numbers[0])
-        picked = jax.tree.map(
-            lambda x: x.at[lanes].get(mode="promise_in_bounds", wrap_negative_indices=False), args
-        )
-        results = jax.tree.map(
-            lambda x, part: x.at[numbers].set(part, mode="drop", wrap_negative_indices=False),
-            out,
-            work(*picked),
-        )
-        return done + width, results
+
+        def picked(x: Any) -> Any:
+            return x.at[lanes].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+        def placed(x: Any, part: Any) -> Any:
+            return x.at[numbers].set(part, mode="drop", wrap_negative_indices=False)
+
+        return done + width, jax.tree.map(placed, out, work(*jax.tree.map(picked, args)))
 
     return lax.while_loop(lambda carry: carry[0] < count, group, (0 * count, out))[1]
 
