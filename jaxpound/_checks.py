@@ -238,22 +238,14 @@ def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
         raise InvalidInput(owner, name, reprlib.repr(value), rule)
 
 
-_MAKES_STRUCTURES = "Buildings((left, right), links) makes structures of them"
-_TAKE_DIMENSIONLESS = "simulate and demand take dimensionless structures"
-_TAKEN_BY = {  # what takes an object that users pass to the wrong function, by its class
-    **dict.fromkeys(("Building", "ShearBuilding"), _MAKES_STRUCTURES),
-    "Buildings": "simulate and demand take it whole; its field buildings has each building",
-    **dict.fromkeys(("AdjacentStructures", "Row", "Storeys", "System"), _TAKE_DIMENSIONLESS),
-}
-
-
 def instead(value: Any, types: str) -> str:
     """Ends a message on a wrong object, in the place of ``types``: the function that takes it."""
     if re.search(r"\bRecord\b", types) and isinstance(value, str | os.PathLike):
         return "; read_record reads one from a file"
-    first = value[0] if isinstance(value, tuple | list) and value else value
-    function = _TAKEN_BY.get(type(first).__name__)
-    return f"; {function}" if function else ""
+    kind = type(value[0] if isinstance(value, tuple | list) and value else value)
+    if hasattr(kind, "natural_period"):  # a building
+        return "; Buildings((left, right), links) makes structures of them"
+    return "; simulate and demand take structures" if hasattr(kind, "system") else ""
 
 
 def pytree(owner: str, name: str, value: Any) -> None:

@@ -95,9 +95,9 @@ class Quantity(NamedTuple):
 
     ``words``, ``column`` and ``symbol`` name it in a sentence, in a table and in a figure; braces
     stand for the number, from 1, of the mass, rod or link that it belongs to. Tables list lower
-    ranks first. A design may be limited in it, or pay for it, if ``limited``. Elements may have it
-    ``only`` if they are links with "contact", rods that are a "storey" between two masses, or rods
-    that may be "yielding".
+    ranks first. A design may be limited in it, or pay for it, if ``limited``; Richardson's method
+    extrapolates ``smooth`` series. Elements may have it ``only`` if they are links with "contact",
+    rods that are a "storey" between two masses, or rods that may be "yielding".
     """
 
     kind: str | None
@@ -107,6 +107,7 @@ class Quantity(NamedTuple):
     rank: int = 0
     limited: bool = False
     only: str = ""
+    smooth: bool = False
 
     def of(self, number: str) -> Quantity:
         """The same with the number in its names; a name without braces is that of a link."""

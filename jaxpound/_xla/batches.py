@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Callable, Sequence
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from functools import cache, partial
 from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import core, lax
+from jax import lax
 from jax.custom_batching import custom_vmap
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
@@ -130,22 +131,16 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
             placed = part if mesh is None else jax.device_put(part, NamedSharding(mesh, _RUNS))
             return run(*placed)
 
-        def keep(start: int, part: Any) -> None:
-            nonlocal results
+        following = chunk(0)
+        for start in range(0, n, size):
+            part = following
+            # It computes while the results of the one before are copied.
+            following = chunk(start + size) if start + size < n else None
             _no_tracer(part)
             if results is None:
                 results = jax.tree.map(lambda x: _room(n, x), part)
-            rows = slice(start, min(start + size, n))
             for whole, piece in zip(*map(jax.tree.leaves, (results, part)), strict=True):
-                whole[rows] = np.asarray(piece)[: rows.stop - start]
-
-        # One chunk computes while the next is being prepared.
-        before = 0, chunk(0)
-        for start in range(size, n, size):
-            following = start, chunk(start)
-            keep(*before)
-            before = following
-        keep(*before)
+                whole[start : start + size] = np.asarray(piece)[: n - start]
         return results
 
     return mapped
@@ -190,10 +185,8 @@ def _spread(copied: bool) -> Callable[..., list[Any]]:
 
     @placed.def_vmap
     def batch(size: int, batched: list[bool], *leaves: Any) -> Any:
-        in_batch = [
-            is_batched or (copied and jnp.size(x) <= _SMALL)
-            for x, is_batched in zip(leaves, batched, strict=True)
-        ]
+        is_small = (copied and jnp.size(x) <= _SMALL for x in leaves)
+        in_batch = [*map(operator.or_, batched, is_small)]
         rows = [
             jnp.broadcast_to(x, (size, *jnp.shape(x))) if is_in and not is_batched else x
             for x, is_batched, is_in in zip(leaves, batched, in_batch, strict=True)
@@ -217,15 +210,11 @@ def _spread(copied: bool) -> Callable[..., list[Any]]:
     return spread_leaves
 
 
-def _without_mesh(x: core.ShapedArray) -> core.ShapedArray:
-    if not jax.sharding.get_abstract_mesh().empty:
-        return x
-    return core.ShapedArray(x.shape, x.dtype, weak_type=x.weak_type)
-
-
 _of_no_mesh = Primitive("of_no_mesh")
 _of_no_mesh.def_impl(lambda x: x)
-_of_no_mesh.def_abstract_eval(_without_mesh)
+_of_no_mesh.def_abstract_eval(
+    lambda x: x.update(sharding=None) if jax.sharding.get_abstract_mesh().empty else x
+)
 ad.deflinear(_of_no_mesh, lambda change: [change])
 batching.defvectorized(_of_no_mesh)
 mlir.register_lowering(_of_no_mesh, lambda context, x: [x])
@@ -240,11 +229,9 @@ def on_each_device(
     """
 
     def apart(*args: Any) -> T:
-        token = _is_apart.set(True)
-        try:
-            return work(*args)
-        finally:
-            _is_apart.reset(token)
+        context = copy_context()
+        context.run(_is_apart.set, True)
+        return context.run(work, *args)
 
     if (mesh := _mesh_for(size)) is None:
         return apart(*args)

@@ -7,85 +7,70 @@ the next state and its results, having put one number at the end of each window.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxpound._xla.derivatives import recomputed
+from jaxpound._xla.derivatives import Program, recomputed
 from jaxpound._xla.plan import Plan
 from jaxpound._xla.quotients import differentiated_once, unit_of
 from jaxpound._xla.shortcut import with_shortcut
 
-Step = Callable[..., Any]
+
+def steps_of_block(
+    plan: Plan, step: Program, short: Program | None, length: int, window: int, zero: jax.Array
+) -> Program:
+    """A block as a function of (number, carry, windows), numbers and entries for its steps.
+
+    It returns the carry, the windows and the results of ``scan_blocks``. Windows have the last
+    numbers of a block, and as many as ``window`` in a step. ``short`` does what ``step`` does where
+    it needs no inner loop; its results are (results, whether it needs one).
+    """
+    if plan.block != "loop":  # in which the carry is computed once in any case
+        steps = partial(_written_out, step, length, unit_of(zero))
+        return recomputed(steps) if plan.block == "recomputed" else steps
+    steps = partial(_in_loop, step, length, window, zero)
+    if short is None or not plan.shortcut:
+        return steps
+    return with_shortcut(steps, partial(_shorter, short, length))
 
 
-class Blocks(NamedTuple):
-    """A loop over steps in blocks, and over blocks in segments."""
+def scan_blocks(
+    plan: Plan, block: Program, state: Any, inputs: Any, length: int, n_steps: int, checkpoint: bool
+) -> tuple[Any, Any]:
+    """``lax.scan`` of blocks: (number, *state) at the end, and the series of steps' results.
 
-    plan: Plan
-    checkpoint: bool  # whether reverse mode keeps the first state of each segment only
-    length: int  # steps of a block
-    segment: int  # blocks of a segment
-    segments: int
-    idle: int  # steps before the first, which fill up the blocks
+    ``inputs`` are arrays with a leading axis of steps. Idle steps fill up the blocks before them,
+    with negative numbers. With ``checkpoint`` reverse mode keeps the state of each segment only.
+    """
+    segment = blocks = -(-n_steps // length)
+    if plan.segments or checkpoint:
+        root = math.isqrt(blocks - 1) + 1
+        segment = min(range(root - root // 4, root + 1), key=lambda size: -blocks % size)
+    segments = -(-blocks // segment)
+    idle = segments * segment * length - n_steps
 
-    @staticmethod
-    def of(plan: Plan, checkpoint: bool, length: int, n_steps: int) -> Blocks:
-        """The loop over ``n_steps`` steps."""
-        segment = blocks = -(-n_steps // length)
-        if plan.segments or checkpoint:
-            root = math.isqrt(blocks - 1) + 1
-            segment = min(range(root - root // 4, root + 1), key=lambda size: -blocks % size)
-        segments = -(-blocks // segment)
-        idle = segments * segment * length - n_steps
-        return Blocks(plan, checkpoint, length, segment, segments, idle)
+    def in_blocks(x: jax.Array) -> jax.Array:
+        padded = jnp.pad(x, [(idle, 0), *[(0, 0)] * (x.ndim - 1)])
+        return padded.reshape(segments, segment, length, *x.shape[1:])
 
-    def steps(self, step: Step, short: Step | None, window: int, zero: jax.Array) -> Step:
-        """A block as a function of (number, carry, windows), numbers and entries for its steps.
-
-        It returns the carry, the windows and the results of ``scan``. Windows have the last numbers
-        of a block, and as many as ``window`` in a step. ``short`` does what ``step`` does where it
-        needs no inner loop; its results are (results, whether it needs one).
-        """
-        if self.plan.block != "loop":  # in which the carry is computed once in any case
-            steps = partial(_written_out, step, self.length, unit_of(zero))
-            return recomputed(steps) if self.plan.block == "recomputed" else steps
-        steps = partial(_in_loop, step, self.length, window, zero)
-        if short is None or not self.plan.shortcut:
-            return steps
-        return with_shortcut(steps, partial(_shorter, short, self.length))
-
-    def scan(self, block: Step, state: Any, inputs: Any) -> tuple[Any, Any]:
-        """``lax.scan`` of blocks: the state at the end, and the series of their steps' results.
-
-        ``inputs`` are arrays with a leading axis of steps.
-        """
-
-        def segment(state: Any, entries: Any) -> tuple[Any, Any]:
-            return lax.scan(block, state, entries, length=self.segment)
-
-        run = recomputed(segment) if self.checkpoint else segment
-        inputs = jax.tree.map(self._in_blocks, inputs)
-        if self.segments > 1:
-            state, out = lax.scan(run, state, inputs, length=self.segments)
-        else:
-            state, out = run(state, jax.tree.map(lambda x: x[0], inputs))
-        if self.plan.block != "loop":
-            out = jax.tree.map(lambda *x: jnp.stack(x, -1), *out)
-        return state, jax.tree.map(lambda x: x.reshape(-1)[self.idle :], out)
-
-    def _in_blocks(self, x: jax.Array) -> jax.Array:
-        """A series with idle zeros before it, by segment, block and step."""
-        padded = jnp.pad(x, [(self.idle, 0), *[(0, 0)] * (x.ndim - 1)])
-        return padded.reshape(self.segments, self.segment, self.length, *x.shape[1:])
+    run: Program = partial(lax.scan, block, length=segment)
+    run = recomputed(run) if checkpoint else run
+    state, inputs = (jnp.asarray(-idle), *state), jax.tree.map(in_blocks, inputs)
+    if segments > 1:
+        state, out = lax.scan(run, state, inputs, length=segments)
+    else:
+        state, out = run(state, jax.tree.map(lambda x: x[0], inputs))
+    if plan.block != "loop":
+        out = jax.tree.map(lambda *x: jnp.stack(x, -1), *out)
+    return state, jax.tree.map(lambda x: x.reshape(-1)[idle:], out)
 
 
 def _written_out(
-    step: Step, length: int, unit: jax.Array | None, state: Any, ahead: Any, entries: Any
+    step: Program, length: int, unit: jax.Array | None, state: Any, ahead: Any, entries: Any
 ) -> Any:
     """The steps of a block one after the other, with their results in a list."""
     split, out = [lax.split(x, (1,) * length) for x in ahead], []
@@ -99,7 +84,7 @@ def _written_out(
     return carry, [c[-length:] for c in windows], out
 
 
-def _shorter(step: Step, length: int, state: Any, ahead: Any, entries: Any) -> Any:
+def _shorter(step: Program, length: int, state: Any, ahead: Any, entries: Any) -> Any:
     """The same of shorter steps, with the results in arrays, and whether any of them needs more."""
     carry, windows, out = _written_out(step, length, None, state, ahead, entries)
     results, needs_more = jax.tree.map(lambda *x: jnp.stack(x), *out)
@@ -107,7 +92,7 @@ def _shorter(step: Step, length: int, state: Any, ahead: Any, entries: Any) -> A
 
 
 def _in_loop(
-    step: Step, length: int, window: int, zero: jax.Array, state: Any, ahead: Any, entries: Any
+    step: Program, length: int, window: int, zero: jax.Array, state: Any, ahead: Any, entries: Any
 ) -> Any:
     """The steps of a block as a loop, with windows of constant length, and results in arrays."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any, TypeVar
 
@@ -19,15 +19,14 @@ _KEPT = "kept"
 
 
 def recomputed(
-    function: Program, static_argnums: Sequence[int] = (), *, but_kept: bool = False
+    function: Program, static_argnums: tuple[int, ...] = (), *, but_kept: bool = False
 ) -> Program:
     """A function of which reverse mode keeps the arguments, and computes the rest anew.
 
     It may also keep those of its numbers that are ``kept``.
     """
     policy = jax.checkpoint_policies.save_only_these_names(_KEPT) if but_kept else None
-    statics = tuple(static_argnums)
-    return jax.checkpoint(function, prevent_cse=False, policy=policy, static_argnums=statics)
+    return jax.checkpoint(function, prevent_cse=False, policy=policy, static_argnums=static_argnums)
 
 
 def kept(tree: T) -> T:
@@ -49,20 +48,11 @@ def in_both_modes(
     on the way and goes back through them: its time does not depend on the number of inputs, but it
     runs the loop again between the states and has the transposed body as a second program.
 
-    Second derivatives are refused by a ``NotImplementedError``.
-
-    Parameters
-    ----------
-    function
-        May have ``lax.while_loop``; both modes share one trace of it.
-    name
-        What the error of a second derivative calls it.
-    is_differentiated
-        Whether a leaf of the inputs, by its path, may have a derivative other than zero.
-    mapped
-        What is to be done with each of the programs, functions of (inputs, constants, ...), before
-        they are called, such as another rule for batches; its second argument says whether the
-        program is that of reverse mode.
+    Both modes share one trace of the function, which may have ``lax.while_loop``. Only leaves of
+    the inputs that are ``is_differentiated``, by their path, may have a derivative other than zero.
+    Each of the programs, functions of (inputs, constants, ...), is ``mapped`` before it is called,
+    such as by another rule for batches; ``reverse`` says that it is that of reverse mode. Second
+    derivatives are refused by a ``NotImplementedError``, which calls the function by its name.
     """
     function = jax.jit(function)
     without_second = partial(jax.tree.map, partial(no_second_derivative, name))
@@ -88,8 +78,7 @@ def in_both_modes(
         # Picked, not put: XLA calls a library for a scatter.
         return rebuild(jnp.where(np.array(mask), products[np.maximum(places, 0)], 0.0))
 
-    run, push_mapped = (mapped(program, False) for program in (function, push))
-    pull_mapped = mapped(pull, True)
+    run, push_mapped, pull_mapped = (mapped(x, x is pull) for x in (function, push, pull))
 
     @jax.custom_jvp
     def differentiable(inputs: Any, constants: Any) -> Any:

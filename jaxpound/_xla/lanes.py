@@ -17,18 +17,13 @@ from jax.custom_batching import custom_vmap
 
 from jaxpound._xla.batches import on_each_device
 
-_ON_CPU, _ON_CPU_IN_REVERSE, _ELSEWHERE = 8, 2, 256
-"""Lanes of a batch, at most, that work side by side; in reverse each has a dozen columns."""
-
 _FEW = 16  # lanes, all computed where any needs it: XLA makes no kernel of a loop that scatters
 _COMPARED = 4096  # lanes up to which comparing all of them finds the next; beyond, a binary search
 
 
 def lanes_at_a_time(reverse: bool) -> int:
-    """The default width of ``where_needed``."""
-    if jax.default_backend() != "cpu":
-        return _ELSEWHERE
-    return _ON_CPU_IN_REVERSE if reverse else _ON_CPU
+    """The default width of ``where_needed``; in reverse each lane has a dozen columns."""
+    return 256 if jax.default_backend() != "cpu" else 2 if reverse else 8
 
 
 def where_needed(work: Callable[..., Any], width: int) -> Callable[..., Any]:
@@ -56,9 +51,8 @@ def where_needed(work: Callable[..., Any], width: int) -> Callable[..., Any]:
             return _in_groups(width, side_by_side, needed, args, empty)
 
         def masked() -> Any:
-            used = jax.vmap(jnp.where, (0, 0, None))
-            zero = jax.tree.map(lambda x: x[0], empty)
-            return jax.tree.map(partial(used, needed), side_by_side(*args), zero)
+            used = partial(jax.vmap(jnp.where), needed)
+            return jax.tree.map(used, side_by_side(*args), empty)
 
         return lax.cond(needed.any(), masked, lambda: empty)
 
@@ -67,23 +61,19 @@ def where_needed(work: Callable[..., Any], width: int) -> Callable[..., Any]:
         joined = jax.tree.map(lambda x: x.reshape(size * each, *x.shape[2:]), args)
         return jax.tree.map(lambda x: x.reshape(size, each, *x.shape[1:]), many(*joined))
 
-    single.def_vmap(_on_devices(many))
-    many.def_vmap(_on_devices(flat))
+    single.def_vmap(partial(_on_devices, many))
+    many.def_vmap(partial(_on_devices, flat))
     return single
 
 
-def _on_devices(function: Callable[..., Any]) -> Callable[..., Any]:
+def _on_devices(function: Callable[..., Any], size: int, batched: Any, *args: Any) -> Any:
     """The rule of a batch: arguments get its axis, also those that all lanes share."""
 
-    def repeated(size: int, x: Any, differs: bool) -> Any:
+    def repeated(x: Any, differs: bool) -> Any:
         return x if differs else jnp.broadcast_to(x, (size, *jnp.shape(x)))
 
-    def rule(size: int, batched: Any, *args: Any) -> Any:
-        args = jax.tree.map(partial(repeated, size), args, tuple(batched))
-        out = on_each_device(function, *args, size=size)
-        return out, jax.tree.map(lambda _: True, out)
-
-    return rule
+    out = on_each_device(function, *jax.tree.map(repeated, args, tuple(batched)), size=size)
+    return out, jax.tree.map(lambda _: True, out)
 
 
 def _in_groups(width: int, work: Callable[..., Any], needed: jax.Array, args: Any, out: Any) -> Any:
@@ -96,15 +86,14 @@ def _in_groups(width: int, work: Callable[..., Any], needed: jax.Array, args: An
         # The next lanes that need the work; the group is filled up with copies of its first.
         numbers = next_lanes(places, done, width)
         lanes = jnp.where(numbers < size, numbers, numbers[0])
-        picked = jax.tree.map(
-            lambda x: x.at[lanes].get(mode="promise_in_bounds", wrap_negative_indices=False), args
-        )
-        results = jax.tree.map(
-            lambda x, part: x.at[numbers].set(part, mode="drop", wrap_negative_indices=False),
-            out,
-            work(*picked),
-        )
-        return done + width, results
+
+        def picked(x: Any) -> Any:
+            return x.at[lanes].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+        def placed(x: Any, part: Any) -> Any:
+            return x.at[numbers].set(part, mode="drop", wrap_negative_indices=False)
+
+        return done + width, jax.tree.map(placed, out, work(*jax.tree.map(picked, args)))
 
     return lax.while_loop(lambda carry: carry[0] < count, group, (0 * count, out))[1]
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
@@ -60,12 +61,9 @@ def fast(work: Work, all_looped: bool = False) -> Plan:
     """The plan that runs fast and compiles in seconds; all blocks may be loops."""
     are_few, has_inner_loop = work.elements <= FEW, work.inner_loop != "never"
     is_looped = all_looped or work.elements > WRITTEN_OUT or work.laws == "long" or has_inner_loop
-    written_out: Literal["written out", "recomputed"] = (
-        "written out" if work.laws == "none" else "recomputed"
-    )
     may_skip = work.inner_loop == "sometimes" and are_few and not work.series
     return Plan(
-        block="loop" if is_looped else written_out,
+        block="loop" if is_looped else "written out" if work.laws == "none" else "recomputed",
         segments=work.series,
         shortcut=may_skip and jax.default_backend() == "cpu",
         recomputed_steps=has_inner_loop or (is_looped and work.laws != "none"),
@@ -74,9 +72,8 @@ def fast(work: Work, all_looped: bool = False) -> Plan:
     )
 
 
-def looped(work: Work) -> Plan:
-    """As ``fast``, with all blocks as loops: they compile sooner, and run longer."""
-    return fast(work, all_looped=True)
+looped = partial(fast, all_looped=True)
+"""As ``fast``, with all blocks as loops: they compile sooner, and run longer."""
 
 
 def plain(work: Work) -> Plan:

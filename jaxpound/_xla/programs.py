@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import re
 import shlex
 import stat
 import threading
 import time
 import warnings
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +21,9 @@ from platformdirs import user_cache_path
 
 VARIABLE = "JAXPOUND_CACHE"  # in the environment: the folder for caches; "off" keeps no programs
 AFTER = 3.0  # seconds of tracing and compiling until the note
-_OFF = "off"
 _LARGEST = 1 << 30  # bytes, above which those used longest ago are removed
-_WORTH_KEEPING = 0.3  # s of compilation
-_ENTRY = re.compile(r".+-[0-9a-f]{64}-(cache|atime)")  # the files of JAX
+_ENTRIES = f"*-{'[0-9a-f]' * 64}-cache"  # the files of JAX
 _LOOP_KERNELS = "xla_cpu_small_while_loop_byte_threshold=1000000"  # smaller ones are one kernel
-_MAKES_LOOP_KERNELS = (0, 12)  # the version of JAX from which on XLA does so by itself
 _PHASES = ("jaxpr_trace", "jaxpr_to_mlir_module", "backend_compile")
 _EVENTS = frozenset(f"/jax/core/compile/{phase}_duration" for phase in _PHASES)  # of JAX
 _PAUSE = 0.5  # s, below which a phase goes on with the same wait
@@ -65,19 +61,18 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
     """
     before = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     chosen = os.fspath(folder or os.environ.get(VARIABLE, ""))
-    if folder is None and (before or chosen == _OFF):
+    if folder is None and (before or chosen == "off"):
         return Path(before) if before else None
     try:
         programs = _private(Path(chosen) if chosen else user_cache_path().expanduser())
         _make_room(programs)
-    except (OSError, RuntimeError, _RefusedError) as error:  # RuntimeError: a user without a home
-        if chosen or isinstance(error, _RefusedError):
+    except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a user without a home
+        if chosen or isinstance(error, ValueError):
             warnings.warn(f"keep_programs: {error}; compiled programs are not kept", stacklevel=2)
         return None
     jax.config.update("jax_compilation_cache_dir", str(programs))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", _WORTH_KEEPING)
-    if before:
-        compilation_cache.reset_cache()  # else JAX goes on with the folder before
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+    compilation_cache.reset_cache()  # else JAX goes on with the folder before
     return programs
 
 
@@ -94,9 +89,8 @@ def use_loop_kernels() -> None:
 
     Raises ``RuntimeError`` if JAX is older than 0.12 and has started without it.
     """
-    if jax.__version_info__ >= _MAKES_LOOP_KERNELS:
-        return
-    if _LOOP_KERNELS in (flags := os.environ.get("XLA_FLAGS", "")):
+    flags = os.environ.get("XLA_FLAGS", "")
+    if jax.__version_info__ >= (0, 12) or _LOOP_KERNELS in flags:
         return
     devices = jax.config.jax_num_cpu_devices  # type: ignore[attr-defined]
     try:  # another number, which JAX refuses once it has started
@@ -108,94 +102,70 @@ def use_loop_kernels() -> None:
     os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_extra_options={_LOOP_KERNELS}".lstrip()
 
 
-class _RefusedError(Exception):
-    """A folder that others could put programs into."""
-
-
 def _private(caches: Path) -> Path:
-    """The folder for programs in one for caches, made if needed; refused if others may write."""
-    caches.mkdir(mode=0o700, parents=True, exist_ok=True)
+    """The folder for programs in one for caches, made if needed.
+
+    A ``ValueError`` refuses a folder of others, or that others may write to, unless its mode has
+    the sticky bit, as that of ``/tmp`` has: nobody replaces the folders of others there.
+    """
     caches = caches.resolve()
     own = caches / "jaxpound", caches / "jaxpound" / "programs"
-    for folder in own:
-        folder.mkdir(mode=0o700, exist_ok=True)
-    if hasattr(os, "getuid"):
-        user, root = os.getuid(), 0
-        for folder in (caches, *caches.parents):
-            _require_private(folder, {user, root}, allowed=stat.S_ISVTX)
-        for folder in own:
-            _require_private(folder, {user}, first="empty it, then ")
-    return own[1]
-
-
-def _require_private(folder: Path, owners: set[int], allowed: int = 0, first: str = "") -> None:
-    """Refuse a folder of others, or that others may write to unless its mode has the bit allowed.
-
-    That is the sticky one, as ``/tmp`` has it: nobody replaces the folders of others there. The
-    message says what to do, and what must be done ``first``.
-    """
-    status = folder.lstat()
-    is_shared = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not status.st_mode & allowed
-    is_foreign = status.st_uid not in owners or not stat.S_ISDIR(status.st_mode)
-    if is_foreign or is_shared:
-        rule = "must be a folder of yours that nobody else may write to: what is in it is executed"
-        remedy = f"{first}run chmod go-w {shlex.quote(str(folder))}"
-        if is_foreign:
+    for folder in (caches, *own):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for folder in (caches, *caches.parents, *own) if hasattr(os, "getuid") else ():
+        status, is_above = folder.lstat(), folder not in own
+        mode, owners = status.st_mode, {os.getuid(), 0} if is_above else {os.getuid()}
+        if status.st_uid not in owners or not stat.S_ISDIR(mode):
             remedy = f"name another folder by {VARIABLE}"
-        raise _RefusedError(f"{folder} {rule}; {remedy}")
+        elif mode & (stat.S_IWGRP | stat.S_IWOTH) and not (is_above and mode & stat.S_ISVTX):
+            first = "" if is_above else "empty it, then "
+            remedy = f"{first}run chmod go-w {shlex.quote(str(folder))}"
+        else:
+            continue
+        rule = "must be a folder of yours that nobody else may write to: what is in it is executed"
+        raise ValueError(f"{folder} {rule}; {remedy}")
+    return own[1]
 
 
 def _make_room(programs: Path) -> None:
     """Remove entries above the limit, those first that were used longest ago."""
-    entries = []
-    for path in programs.iterdir():
-        with contextlib.suppress(FileNotFoundError):  # another process has removed it
-            if _ENTRY.fullmatch(path.name):
-                status = path.stat()
-                entries.append((status.st_atime, status.st_size, path))
-    excess = sum(size for _, size, _ in entries) - _LARGEST
-    for _, size, path in sorted(entries):
-        if excess <= 0:
-            return
-        path.unlink(missing_ok=True)
-        excess -= size
+    size = 0
+    with contextlib.suppress(FileNotFoundError):  # another process makes room
+        for path in sorted(programs.glob(_ENTRIES), key=lambda x: x.stat().st_atime, reverse=True):
+            if (size := size + path.stat().st_size) > _LARGEST:
+                path.unlink()
 
 
 _log = logging.getLogger("jaxpound")
 _waits: dict[int, tuple[int, float, threading.Timer | None]] = {}
-"""Of each thread: the phases, one within another, that it is in; the end of the last; the note."""
+"""Of each thread: the phases, one within another, that it is in; when that changed; the note."""
 
 
 @cache
 def note_long_compilations() -> None:
     """From now on warn by the logger "jaxpound" where making a program takes ``AFTER`` seconds."""
-    jax.monitoring.register_scalar_listener(_begin)
-    jax.monitoring.register_event_duration_secs_listener(_finish)
+    jax.monitoring.register_scalar_listener(partial(_count, 1))
+    jax.monitoring.register_event_duration_secs_listener(partial(_count, -1))
 
 
-def _begin(event: str, value: float, **_: Any) -> None:
-    if event not in _EVENTS:
+def _count(change: int, event: str, value: float, **_: Any) -> None:
+    """Count the phases of this thread, of which one begins or ends."""
+    thread, now = threading.get_ident(), time.monotonic()
+    depth, changed, note = _waits.get(thread, (0, 0.0, None))
+    if event not in _EVENTS or depth + change < 0:  # of a program begun before the listener
         return
-    thread = threading.get_ident()
-    depth, ended, note = _waits.get(thread, (0, 0.0, None))
-    if not depth and time.monotonic() - ended > _PAUSE:
+    if not depth and now - changed > _PAUSE:
         if note:
             note.cancel()
         note = threading.Timer(AFTER, _warn, [thread])
         note.daemon = True
         note.start()
-    _waits[thread] = depth + 1, ended, note
-
-
-def _finish(event: str, duration_secs: float, **_: Any) -> None:
-    wait = _waits.get(threading.get_ident())
-    if event in _EVENTS and wait and wait[0]:  # not of a program begun before the listener
-        _waits[threading.get_ident()] = wait[0] - 1, time.monotonic(), wait[2]
+    _waits[thread] = depth + change, now, note
 
 
 def _warn(thread: int) -> None:
-    depth, ended, _ = _waits[thread]
-    if depth or time.monotonic() - ended < _PAUSE:
+    depth, changed, _ = _waits[thread]
+    if depth or time.monotonic() - changed < _PAUSE:
         kept = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
         again = "" if kept else ", and later processes after jaxpound.keep_programs()"
         message = "jaxpound: tracing and compiling a program, for %g s so far; later runs of the "

@@ -32,15 +32,12 @@ OF_FLOORS = ("peak_drift", "peak_acceleration")
 OF_YIELDING = ("ductility", "residual_drift", "dissipated_energy")
 """Demands of a rod that yields whose largest over all has the name without a number."""
 
-OF_CONTACTS = ("peak_contact", "peak_impulse", "peak_penetration")
-"""Demands of a link whose largest over several links has the name without a number."""
-
-_OF_CONTACTS: dict[str, Callable[[Any, Any], Any]] = {
-    **dict.fromkeys(OF_CONTACTS, larger),
+OF_CONTACTS: dict[str, Callable[[Any, Any], Any]] = {
+    **dict.fromkeys(("peak_contact", "peak_impulse", "peak_penetration"), larger),
     **dict.fromkeys(("n_impacts", "contact_work"), operator.add),
     "first_impact_time": smaller,
 }
-"""How scalars of contacts are those of several links."""
+"""How scalars of contacts whose name has no number are those of several links."""
 
 
 @pytree_dataclass
@@ -138,10 +135,10 @@ class Demand(ByElement, Columnar, Shown):
         return dataclasses.replace(reduced("", 0, self), **by_group)
 
     def __getattr__(self, name: str) -> Any:
-        if name in _OF_CONTACTS and len(self.links) > 1:
+        if name in OF_CONTACTS and len(self.links) > 1:
             by_link = [value for x in self.links if (value := getattr(x, name)) is not None]
             if by_link:
-                return functools.reduce(_OF_CONTACTS[name], by_link)
+                return functools.reduce(OF_CONTACTS[name], by_link)
         if name in OF_FLOORS + OF_YIELDING and self.topology is not None:
             has = {"yielding": [rod.ductility is not None for rod in self.rods], "contact": []}
             members = members_over_all(self.topology, has).get(name, ())
@@ -302,5 +299,6 @@ def members_over_all(topology: Topology, has: Mapping[str, Sequence[bool]]) -> d
         members |= {name: [("rods", r, name) for r in rods] for name in OF_YIELDING}
     links = [*itertools.compress(itertools.count(), has["contact"])]
     if links and len(topology.links) > 1:
-        members |= {name: [("links", k, name) for k in links] for name in OF_CONTACTS}
+        largest = [name for name, of_several in OF_CONTACTS.items() if of_several is larger]
+        members |= {name: [("links", k, name) for k in links] for name in largest}
     return members

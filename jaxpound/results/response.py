@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 class MassResponse:
     """Series of a mass, each of shape (n_steps+1,)."""
 
-    x: Any = quantity("length", column="x{}")
+    x: Any = quantity("length", column="x{}", smooth=True)
     """Displacement relative to the ground."""
-    v: Any = quantity("velocity", column="v{}")
+    v: Any = quantity("velocity", column="v{}", smooth=True)
     """Velocity x'."""
     mass: Any = quantity("mass", column="mass_{}")
     """The mass itself, a number, in units of m1 (in SI, kg)."""
@@ -46,7 +46,7 @@ class MassResponse:
 class RodResponse:
     """Series of a rod, each of shape (n_steps+1,)."""
 
-    force: Any = quantity("force", column="f{}")
+    force: Any = quantity("force", column="f{}", smooth=True)
     """Force f of the rod: positive where it is stretched and pulls mass i back."""
     ends: AnyEnds = static()
     """Masses i and j, or ``GROUND``; the rod is stretched by x_i − x_j. Or masses with weights."""
@@ -60,11 +60,11 @@ class RodResponse:
 class LinkResponse:
     """Series of a link, each of shape (n_steps+1,)."""
 
-    gap: Any = quantity("length", column="gap")
+    gap: Any = quantity("length", column="gap", smooth=True)
     """ξ = ξ0 − s with the closing s = x_i − x_j; pounding is ξ ≤ 0."""
     friction: Any = quantity("force", column="friction")
     """Force q of the damper: positive when it pulls mass i back (x_i' > x_j' in slip)."""
-    slip_velocity: Any = quantity("velocity", column="slip_velocity")
+    slip_velocity: Any = quantity("velocity", column="slip_velocity", smooth=True)
     """w = s'."""
     phase: Any = quantity(None, column="phase")
     """Direction of slip half a step after each instant: 1, −1, or 0 in stick."""

@@ -16,10 +16,11 @@ from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
+from jax.tree_util import keystr
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold
-from jaxpound._fields import node_classes, rules
+from jaxpound._fields import Quantity, node_classes, rules, walk
 from jaxpound._xla.batches import spread, without_mesh
 from jaxpound._xla.derivatives import recomputed
 from jaxpound._xla.plan import choice
@@ -31,7 +32,6 @@ from jaxpound.model.hysteresis import zener_of
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import Structures, System, gravity_of
 from jaxpound.model.topology import Topology
-from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
 from jaxpound.simulation.constants import StepConstants, has_flows
 from jaxpound.simulation.scheme import Scheme, is_stable
@@ -40,7 +40,6 @@ from jaxpound.simulation.step import accelerations, one_step
 from jaxpound.simulation.time.scan import scan_with_history
 
 T = TypeVar("T")
-_SMOOTH = {"x", "v", "force", "gap", "slip_velocity"}  # series of a response, to be extrapolated
 
 
 def program_key(case: Any) -> Hashable:
@@ -172,15 +171,14 @@ def extrapolated(coarse: T, fine: T) -> T:
 
 def extrapolated_response(coarse: Response, fine: Response) -> Response:
     """A response, with the smooth series and all scalars extrapolated."""
-    demand: Demand = extrapolated(coarse.demand, fine.demand)
+    smooth = {path for path, spec, _ in walk(coarse, Quantity) if spec.smooth}
 
     def leaf(path: Any, old: Any, new: Any) -> Any:
-        if path[-1].name in _SMOOTH and new.shape != old.shape:
-            return extrapolated(old, new[::2])
-        return old
+        is_smooth = keystr(path, simple=True, separator=".") in smooth
+        return extrapolated(old, new[::2]) if is_smooth else old
 
     series = jax.tree.map_with_path(leaf, coarse, fine)
-    return dataclasses.replace(series, demand=demand)
+    return dataclasses.replace(series, demand=extrapolated(coarse.demand, fine.demand))
 
 
 class Observer(NamedTuple):

@@ -8,7 +8,6 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.design.problem import DesignProblem
-from jaxpound.results.demand import OF_CONTACTS
 from jaxpound.results.named import LIMITED_OF_PAIR, limited_demands
 from tests.refusals import refused
 from tests.study.test_demands import GRID, OPEN, SYSTEM, linked
@@ -24,13 +23,14 @@ def problem(system, variables=FRICTION, **objective):
 
 def test_prices_are_those_that_the_system_has():
     paper = jp.paper.structures()
-    of_contact = {"peak_contact", "peak_impulse", "contact_work", "soft_peak_contact"}
+    largest = {"peak_contact", "peak_impulse", "peak_penetration"}
+    of_contact = largest | {"contact_work", "soft_peak_contact"}
     without = problem(paper, {"friction": (0.0, 1.0)}).limitable
     assert {"damper_force", "peak_x2", "peak_f2", "slip_distance"} <= {*without}
     assert not of_contact & {*without}
     touching = dataclasses.replace(paper, contact=jp.Newton(0.65))
     assert problem(touching, {"contact.restitution": (0.5, 0.8)}).limitable == LIMITED_OF_PAIR
-    assert {*LIMITED_OF_PAIR} - {*without} == of_contact | {"peak_penetration"}
+    assert {*LIMITED_OF_PAIR} - {*without} == of_contact
     several = limited_demands(linked(0.3, 0.3))
     assert {"peak_x4", "peak_f4", "slip_distance_2"} <= {*several}
     assert {"damper_force_1", "damper_force_2", "total_damper_force"} <= {*several}
@@ -39,7 +39,7 @@ def test_prices_are_those_that_the_system_has():
     second = dataclasses.replace(second, contact=jp.Newton(0.65))
     mixed = dataclasses.replace(linked(0.3, 0.3), links=(first, second))
     own = {f"{name}_2" for name in {*LIMITED_OF_PAIR} - {*without}}
-    assert {*limited_demands(mixed)} - {*several} == own | {*OF_CONTACTS}
+    assert {*limited_demands(mixed)} - {*several} == own | largest
     assert {"peak_drift", "peak_acceleration"} <= {*limited_demands(SYSTEM)}
     every = limited_demands(mixed)
     assert [*jp.Objective(limits=dict.fromkeys(every, 1.0)).limits] == [*every]

@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxpound._xla.blocks import Blocks
+from jaxpound._xla.blocks import scan_blocks, steps_of_block
 from jaxpound._xla.plan import Plan
 from jaxpound.simulation.time.history import BLOCK, NEAR, HistorySum
 
@@ -49,7 +49,6 @@ def scan_with_history(
     The ``plan`` says how the steps are laid out. ``short`` does what ``advance`` does in steps that
     need no more, and its out is (out, whether the step needs more).
     """
-    blocks = Blocks.of(plan, checkpoint, BLOCK, n_steps + 1)
     kernels = [history.kernel(order, n_steps) for order in orders]
     weights = map(history.near, kernels, orders)
     near = [lax.split(weights_of_rod, (1,) * NEAR) for weights_of_rod in weights]
@@ -68,7 +67,7 @@ def scan_with_history(
     # A step is traced and differentiated once, not for every step of a block.
     whole = partial(single_step, jax.jit(advance))
     shorter = None if short is None else partial(single_step, jax.jit(short))
-    steps = blocks.steps(whole, shorter, NEAR, zero)
+    steps = steps_of_block(plan, whole, shorter, BLOCK, NEAR, zero)
 
     def of_block(state: Any, entries: Any) -> tuple[Any, Any]:
         start, carry, memories, recent = state  # c_{m0−BLOCK} and on
@@ -83,6 +82,6 @@ def scan_with_history(
 
     memories = [jax.tree.map(lambda y: y + zero, history.empty(kernel)) for kernel in kernels]
     recent = [[zero] * BLOCK for _ in kernels]
-    state = jnp.asarray(-blocks.idle), carry, memories, recent
-    state, series = blocks.scan(of_block, state, inputs)
+    state = carry, memories, recent
+    state, series = scan_blocks(plan, of_block, state, inputs, BLOCK, n_steps + 1, checkpoint)
     return state[1], series
