@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain, islice
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -12,7 +13,13 @@ from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
 from jaxpound.model.joint import Joint, groups, joints
 from jaxpound.model.system import System
 from jaxpound.simulation.contact.records import SLOTS, Contact
-from jaxpound.simulation.joints.coupled import Coupled, all_coupled, joint_group, may_need_flow
+from jaxpound.simulation.joints.coupled import (
+    Coupled,
+    Group,
+    all_coupled,
+    joint_group,
+    may_need_flow,
+)
 from jaxpound.simulation.joints.friction import FrictionLaw
 from jaxpound.simulation.rods.law import RodLaw
 from jaxpound.simulation.rods.laws import law_of
@@ -23,15 +30,6 @@ from jaxpound.simulation.state import RunState
 def has_flows(system: System) -> bool:
     """Whether steps of a system may need local flows of its joints."""
     return any(may_need_flow(group, system) for group in groups(joints(system)))
-
-
-class JointGroup(NamedTuple):
-    """Joints that share masses, and where they are among the constants of a run."""
-
-    kind: int  # number of the entry of ``StepConstants.joints`` that has them
-    number: int  # of the group among those of that entry
-    joints: tuple[Joint, ...]
-    shares: dict[int, Any]  # by mass its row of S = M⁻¹ Cᵀ G⁻¹
 
 
 class StepConstants(NamedTuple):
@@ -112,18 +110,19 @@ class StepConstants(NamedTuple):
         return self.follow(self.influence, [0.0] * len(self.joints))
 
     @property
-    def groups(self) -> list[JointGroup]:
+    def groups(self) -> list[Group]:
         """All groups of joints that share masses."""
-        return [
-            JointGroup(kind, number, tuple(members), shares)
-            for kind, entry in enumerate(self.joints)
-            for number, (members, shares) in enumerate(entry.groups)
-        ]
+        return [group for kind in self.joints for group in kind.of]
 
-    @property
-    def has_flows(self) -> bool:
-        """Whether a step may need a local flow."""
-        return any(kind.coupling.may_need_flow for kind in self.joints)
+    def inertia(
+        self, free: Sequence[Any], ground: jax.Array, forces: Sequence[Sequence[Any]]
+    ) -> list[list[Any]]:
+        """Forces of inerters, by group and joint, beside other ``forces``; see ``Coupled``."""
+        others = iter(forces)
+        by_kind = (
+            kind.inertia(free, ground, [*islice(others, len(kind.of))]) for kind in self.joints
+        )
+        return [*chain.from_iterable(by_kind)]
 
     @property
     def yield_displacements(self) -> tuple[Any, ...]:

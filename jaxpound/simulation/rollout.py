@@ -78,7 +78,7 @@ class Rollout(NamedTuple):
             result, stored = observe(result, now, inputs[1])
             return (state, result), c, stored if with_flows else (stored, now.needs_flow)
 
-        short = partial(step, False) if self.constants.has_flows else None
+        short = partial(step, False) if has_flows(self.system) else None
         return self.scan(partial(step, True), (self.start, start), short=short)
 
     @staticmethod

@@ -113,7 +113,7 @@ def with_mean_samples(
         if flow is not None:
             kind.follow(x_now, flow.now)
             kind.follow(x_mean, flow.mean)
-            masses |= {mass for _, shares in kind.groups for mass in shares}
+            masses |= {mass for group in kind.of for mass in group.shares}
     numbers = [n for n, ends in enumerate(system.rod_ends) if masses & dict(ends).keys()]
     changed = rods_at(system, before, sums, now, numbers, x_now, x_mean)
     by_number = dict(zip(numbers, changed, strict=True))

@@ -62,11 +62,6 @@ class Coupled(NamedTuple):
     coupling: Coupling
     inerters: Inerters | None
 
-    @property
-    def groups(self) -> list[tuple[list[Joint], dict[int, Any]]]:
-        """The joints of each group, and how its masses share their motions."""
-        return [([*group.joints], group.shares) for group in self.of]
-
     def _map(self, function: Callable[..., Any], *values: Any) -> Any:
         """A function of the numbers of one group, applied to each group."""
         return jax.vmap(function)(*values) if len(self.of) > 1 else function(*values)
@@ -152,9 +147,11 @@ class Coupled(NamedTuple):
         h: float,
     ) -> Moved:
         """The joints after a step."""
-        step = partial(functions.after_step, now=now, law=law, h=h)
-        flows = [] if flow is None else [flow]
-        moved: Moved = self._map(step, self.coupling, before, pull, *flows)
+        step = partial(functions.without_flow, now=now, law=law, h=h)
+        moved: Moved = self._map(step, self.coupling, before, pull)
+        if flow is not None:
+            step = partial(functions.after_flow, h=h)
+            moved = self._map(step, self.coupling, before, flow, moved, pull)
         return moved
 
     def seen(self, moved: Moved, flow: Flow | None, inertia: Inertia) -> list[SeenGroup]:

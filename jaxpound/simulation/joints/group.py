@@ -62,7 +62,7 @@ class Flow(NamedTuple):
 def without_flow(
     group: Coupling, before: JointState, pull: jax.Array, now: Now, law: FrictionLaw, h: float
 ) -> Moved:
-    """Joints after a step without flow."""
+    """Joints, (n,), after a step without flow; a joint alone has the friction ``law``."""
     rise = rise_of(before, pull, now)
     # Half a step is a whole one with half the pull and half the mobility.
     pushed, mobility = now.kick * pull, now.kick * group.delassus
@@ -169,21 +169,6 @@ def followed(
     return Flow(
         pull, result, used, shift, jnp.where(used, result.now.closing - before.closing, 0.0)
     )
-
-
-def after_step(
-    group: Coupling,
-    before: JointState,
-    pull: jax.Array,
-    flow: Flow | None = None,
-    *,
-    now: Now,
-    law: FrictionLaw,
-    h: float,
-) -> Moved:
-    """Joints, (n,), after a step; a joint alone has the friction ``law`` where no flow moves it."""
-    without = without_flow(group, before, pull, now, law, h)
-    return without if flow is None else after_flow(group, before, flow, without, pull, h)
 
 
 def after_flow(

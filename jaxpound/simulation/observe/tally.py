@@ -132,15 +132,13 @@ class _Observed(NamedTuple):
                 ends.append(rod_ends)
                 acting.append(rod_force(number))
         if group is not None:
-            own, seen = system.groups[group], self.now.groups
-            inertia = seen[group].inertia
+            inertia = self.now.groups[group].inertia
             if late is not None and any(inert is not None for inert in inertia):
-                kinds = zip(system.groups, seen, strict=True)
-                others = [y.forces for other, y in kinds if other.kind == own.kind]
-                others[own.number] = forces
+                by_group = [seen.forces for seen in self.now.groups]
+                by_group[group] = forces
                 free = system.free_accelerations([*map(rod_force, range(len(system.rods)))])
-                inertia = system.joints[own.kind].inertia(free, ground, others)[own.number]
-            ends += [joint.ends for joint in own.joints]
+                inertia = system.inertia(free, ground, by_group)[group]
+            ends += [joint.ends for joint in system.groups[group].joints]
             acting += added(forces, inertia)
         return load_on(mass, ends, acting) / system.masses[mass]
 
