@@ -12,7 +12,7 @@ from jax import lax
 from jaxpound._extrema import larger
 from jaxpound.model.contact import Newton
 from jaxpound.simulation.contact import records
-from jaxpound.simulation.contact.forces import Constants, Forces, Regime, law_forces
+from jaxpound.simulation.contact.forces import Constants, Forces, Regime, held_inverse, law_forces
 from jaxpound.simulation.contact.records import APART, PRESSED, REST, Contact, StepLog, Turns, times
 from jaxpound.simulation.contact.substeps import SmoothState
 
@@ -262,7 +262,9 @@ _TOUCH = Event(
 def _collide(constants: Constants, x: FlowState, now: Forces, collides: jax.Array) -> FlowState:
     """The state after an impact by Newton's law, and so with other speeds and forces beside it.
 
-    A gap is put at rest when its remaining bounces would take less than 1 % of a step (Zeno).
+    A gap is put at rest when its remaining bounces would take less than 1 % of a step (Zeno). Then
+    others at rest stay so, unless its blow pulls there by more than the reaction in that time: else
+    gaps that share masses would open each other without end.
     """
     delassus, laws = constants.coupling.delassus, constants.coupling.laws
     values = [law.restitution if isinstance(law, Newton) else 1.0 for law in laws]
@@ -283,10 +285,16 @@ def _collide(constants: Constants, x: FlowState, now: Forces, collides: jax.Arra
     rebound = jnp.where(collides & ~rests, restitution * speed, 0.0)
     blow = jnp.where(collides, (speed + rebound) * mass, 0.0)
 
-    hit = constants.coupling.joints_where(collides)
-    back, blows = constants.coupling.on_joints(-rebound), constants.coupling.on_joints(blow)
-    w = jnp.where(hit, back, x.y.w - times(delassus, blows))
-    struck = (times(delassus, hit.astype(constants.dtype)) != 0) & ~hit
+    hit, back = constants.coupling.joints_where(collides), constants.coupling.on_joints(-rebound)
+    elsewhere = constants.coupling.seen(hit.astype(constants.dtype)) == 0
+    pulled = mass * constants.coupling.seen(times(delassus, constants.coupling.on_joints(blow)))
+    stays = elsewhere & (x.contact.mode == REST) & rests.any()
+    stays &= pulled <= _REBOUNDS * constants.h * now.contact
+    fixed = hit | constants.coupling.joints_where(stays)
+    blows = times(held_inverse(delassus, fixed), jnp.where(fixed, x.y.w - back, 0.0))
+    blow = jnp.where(collides, constants.coupling.seen(blows), 0.0)
+    w = jnp.where(fixed, back, x.y.w - times(delassus, blows))
+    struck = (times(jnp.abs(delassus), fixed.astype(constants.dtype)) != 0) & ~fixed
     slip = jnp.where(struck | hit, jnp.sign(w), x.slip)
     slip = lax.stop_gradient(jnp.where(constants.coupling.joints_where(rests), 0.0, slip))
     turned = hit | (struck & (x.slip != 0) & (slip != x.slip))

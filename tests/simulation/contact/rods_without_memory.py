@@ -225,7 +225,13 @@ class Run:
         return events
 
     def settle(self):
-        """Links are moved at once where forces beside them have jumped."""
+        """Links are moved at once where forces beside them have jumped, and closed ones struck."""
+        for c, face in enumerate(self.faces):
+            struck = face.is_rigid and not self.closed[c] and self.approach(self.state, c) > SLOW
+            if struck and abs(self.depth(self.state, c)) < SMALL:
+                self.touch(c)
+                self.settle()
+                return
         for k, holds in enumerate(self.held()):
             if holds and self.margin(self.t, self.state, k) < -SMALL:
                 self.slide(k)
@@ -258,6 +264,12 @@ class Run:
         """Change the speed of a link by a blow."""
         self.state[self.n : 2 * self.n] += self.b[k] / self.m * change / self.g[k, k]
 
+    def stop(self):
+        """Blows in all links that are closed at rest stop them together."""
+        b = self.b[[self.resting(k) != 0 for k in range(len(self.b))]]
+        speeds = b @ self.state[self.n : 2 * self.n]
+        self.state[self.n : 2 * self.n] -= b.T @ np.linalg.solve(b / self.m @ b.T, speeds) / self.m
+
     def release(self, c):
         self.closed[c] = False
 
@@ -270,8 +282,8 @@ class Run:
         after_blow = -side * self.b[k] @ self.forces(self.t, self.state)[0]
         flight = 2 * law * speed / max(-after_blow, 1e-3)
         if flight < REST:
-            self.push(k, -side * speed)
             self.slip[k], self.closed[c] = 0.0, True
+            self.stop()
             return
         before, self.flight = self.b @ self.state[self.n : 2 * self.n], flight
         self.push(k, -side * (1 + law) * speed)
