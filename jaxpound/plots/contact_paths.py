@@ -18,21 +18,8 @@ from jaxpound.model.system import Link, System
 from jaxpound.results.impacts import Impact
 from jaxpound.results.response import Response
 from jaxpound.simulation.contact.forces import Constants
-from jaxpound.simulation.contact.local_flow import (
-    FlowProgress,
-    advance,
-    start,
-    unfinished,
-    within,
-)
-from jaxpound.simulation.contact.records import (
-    APART,
-    CLIPPED,
-    PRESSED,
-    Clock,
-    Contact,
-    FlowInput,
-)
+from jaxpound.simulation.contact.local_flow import FlowProgress, advance, start, unfinished, within
+from jaxpound.simulation.contact.records import APART, CLIPPED, PRESSED, Clock, Contact, FlowInput
 from jaxpound.simulation.joints.coupled import Coupled, all_coupled
 
 _POINTS = 9  # of each substep

@@ -124,11 +124,6 @@ class StepConstants(NamedTuple):
         )
         return [*chain.from_iterable(by_kind)]
 
-    @property
-    def yield_displacements(self) -> tuple[Any, ...]:
-        """Elongations where the rods yield first; None for rods that never yield."""
-        return tuple(rod.yield_displacement for rod in self.rods)
-
 
 def _length_of(laws: Sequence[RodLaw]) -> Literal["none", "short", "long"]:
     """How many operations laws of rods have that follow their path."""

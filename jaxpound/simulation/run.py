@@ -37,12 +37,7 @@ from jaxpound.simulation.constants import contacts
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.observe.series import StoredSeries, response_of
 from jaxpound.simulation.observe.tally import Tally
-from jaxpound.simulation.rollout import (
-    Rollout,
-    extrapolated,
-    extrapolated_response,
-    program_key,
-)
+from jaxpound.simulation.rollout import Rollout, extrapolated, extrapolated_response, program_key
 from jaxpound.simulation.scheme import (
     Scheme,
     imprecise,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -113,10 +113,6 @@ def added(forces: Sequence[Any], inertia: Sequence[Any]) -> list[Any]:
     """Forces in joints with those of their inerters, or None."""
     pairs = zip(forces, inertia, strict=True)
     return [force if inert is None else force + inert for force, inert in pairs]
-
-
-Inertia = Callable[[Sequence[Sequence[Any]]], list[list[Any]]]
-"""Forces of inerters from those of friction and contact, of joints by group."""
 
 
 class Instant(NamedTuple):

@@ -23,15 +23,7 @@ from jaxpound.simulation.contact.records import Contact, Coupling, GapStep, time
 from jaxpound.simulation.joints import group as functions
 from jaxpound.simulation.joints.friction import FrictionLaw
 from jaxpound.simulation.joints.group import Flow
-from jaxpound.simulation.state import (
-    Inertia,
-    JointState,
-    Jump,
-    LinkInstant,
-    Moved,
-    Now,
-    SeenGroup,
-)
+from jaxpound.simulation.state import JointState, Jump, LinkInstant, Moved, Now, SeenGroup
 
 
 class Inerters(NamedTuple):
@@ -154,8 +146,8 @@ class Coupled(NamedTuple):
             moved = self._map(step, self.coupling, before, flow, moved, pull)
         return moved
 
-    def seen(self, moved: Moved, flow: Flow | None, inertia: Inertia) -> list[SeenGroup]:
-        """The groups as they are observed."""
+    def seen(self, moved: Moved, flow: Flow | None, inertia: Callable[..., Any]) -> list[SeenGroup]:
+        """The groups as they are observed; ``inertia`` has forces of inerters beside others."""
         gaps, of_joints = self.coupling.gaps, moved.state._replace(contact=None)
         joints = [unstacked(y) for y in self._by_group(moved._replace(state=of_joints))]
         steps, used = [list[GapStep]()] * len(self.of), [jnp.zeros((), bool)] * len(self.of)

@@ -215,7 +215,9 @@ class Tally(NamedTuple):
             displacements=peaks(len(paths(constants, topology))),
             acceleration=peaks(topology.n_masses),
             forces=peaks(len(topology.rods)),
-            first_yields=each(lambda _: zero + jnp.inf, constants.yield_displacements),
+            first_yields=each(
+                lambda _: zero + jnp.inf, (rod.yield_displacement for rod in constants.rods)
+            ),
             links=links,
         )
 
@@ -244,7 +246,7 @@ class Tally(NamedTuple):
             forces=self.forces.observe([*map(instant.force, range(len(now.rods)))]),
             first_yields=each(
                 partial(_first_yield, time=now.time, dt=dt),
-                system.yield_displacements,
+                (rod.yield_displacement for rod in system.rods),
                 self.first_yields,
                 (before[i] for i in topology.elongations),
                 (after[i] for i in topology.elongations),
