@@ -45,8 +45,8 @@ def run_grid(
     rule = "must be a TimeGrid"
     if not isinstance(structures, Buildings):
         raise InvalidInput(owner, "grid", "None", f"{rule}: it is chosen for Buildings only")
-    if is_traced((structures, [record.dt for record in records])):
-        reason = "it follows from the buildings and the record's dt, of which some are traced"
+    if is_traced((structures, [record.dt for record in records] or ground)):
+        reason = "it follows from buildings, a record's dt and wavelets, of which some are traced"
         raise InvalidInput(owner, "grid", "None", f"{rule}: {reason}")
     require_time_unit("ground", ground, si=True)
     if records:

@@ -256,6 +256,7 @@ test_a_wrong_object_is_told_which_function_wants_it = pytest.mark.unchecked(
         (jp.simulate, STRUCTURES, Path("mine.at2"), GRID, OF_FILES),
     )
 )
+FOLLOWS = "must be a TimeGrid: it follows from buildings, a record's dt and wavelets, of which"
 BURST = r"Record\('burst'.*"
 SAME_UNIT = rf"^RandomRecord: records\[1\] = {BURST} the same unit of time"
 DEMAND = jax.jit(lambda record: jp.demand(STRUCTURES, record, GRID).min_gap)
@@ -265,7 +266,8 @@ test_a_wrong_unit_of_time_and_traced_buildings_are_refused = refusals(
     (DEMAND, RECORD, r"Record\(\(300,\) samples, time in s\) must be in units of 1/ω1"),
     (jp.RandomRecord, (SHAKING, RECORD), SAME_UNIT),
     (Explorer, STRUCTURES, RECORD, GRID, f"^Explorer: ground: {BURST} in units of 1/ω1"),
-    (GRADIENT, 0.1, r"^simulate: grid = None must be a TimeGrid: it follows from the buildings"),
+    (GRADIENT, 0.1, f"^simulate: grid = None {FOLLOWS}"),
+    (jax.grad(lambda a: jp.demand(pair(), a * WAVE, duration=4.0).min_gap), 0.1, FOLLOWS),
     (SCALES.to_dimensionless, SHAKING, f"record = {BURST}{MEANT}"),
     (jp.simulate, pair(), SHAKING, f"^ground: {BURST} must be in seconds, as Buildings are"),
 )
