@@ -242,10 +242,15 @@ def instead(value: Any, types: str) -> str:
     """Ends a message on a wrong object, in the place of ``types``: the function that takes it."""
     if re.search(r"\bRecord\b", types) and isinstance(value, str | os.PathLike):
         return "; read_record reads one from a file"
-    kind = type(value[0] if isinstance(value, tuple | list) and value else value)
-    if hasattr(kind, "natural_period"):  # a building
+    first = value[0] if isinstance(value, tuple | list) and value else value
+    if hasattr(type(first), "natural_period"):  # a building
         return "; Buildings((left, right), links) makes structures of them"
-    return "; simulate and demand take structures" if hasattr(kind, "system") else ""
+    if not hasattr(type(first), "system"):
+        return ""
+    whole = "; simulate and demand take structures"
+    return (
+        f"{whole}; its field buildings has each building" if hasattr(first, "buildings") else whole
+    )
 
 
 def pytree(owner: str, name: str, value: Any) -> None:

@@ -233,9 +233,9 @@ test_buildings_name_the_argument = refusals(
 )
 test_one_building_in_the_place_of_several = pytest.mark.unchecked(
     refusals(
-        (jp.Buildings, LEFT, RIGHT, f"buildings = .* a tuple; .* {SEVERAL}"),
+        (jp.Buildings, LEFT, RIGHT, f"buildings = .* a tuple; {SEVERAL}"),
         (jp.floor_links, PAIR, OF_LINKS),
-        (jp.simulate, BOTH, RECORD, GRID, f"structures = .* Buildings or .*; .* {SEVERAL}"),
+        (jp.simulate, BOTH, RECORD, GRID, f"structures = .* Buildings or .*; {SEVERAL}"),
     )
 )
 
