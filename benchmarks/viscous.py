@@ -12,7 +12,7 @@ from scipy.signal import lsim
 
 import jaxpound as jp
 from benchmarks.verification.el_centro import record
-from jaxpound.simulation.time_step import chosen_step
+from jaxpound.simulation.time_steps import chosen_step
 
 jax.config.update("jax_enable_x64", True)
 jp.use_loop_kernels()

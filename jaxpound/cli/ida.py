@@ -16,7 +16,7 @@ from jaxpound.cli.reading import Count, File, Range, Section, between, named, re
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import SampleInterval, require_threshold
 from jaxpound.results.named import demand_in_words
-from jaxpound.simulation.time_step import natural_periods, record_grid
+from jaxpound.simulation.time_steps import natural_periods, record_grid
 
 _Numbers = Annotated[list[float], says("a list of numbers", min_length=1)]
 _LEVELS = Range(1e-6, 100, "g", "twenty times the strongest PGA that was recorded")

@@ -18,7 +18,7 @@ from jaxpound.ground.intensity import spectral_acceleration
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.motion import GroundLike
 from jaxpound.quantities import SI
-from jaxpound.simulation.time_step import natural_periods
+from jaxpound.simulation.time_steps import natural_periods
 
 _Correlation = Annotated[float, between(-1, 1, "", "of the same parameter of storeys")]
 

@@ -19,7 +19,7 @@ from jaxpound.cli.tables import FACTOR_ON_RECORD
 from jaxpound.ground.plausibility import OFFSET
 from jaxpound.ground.reader import require_possible
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
-from jaxpound.simulation.time_step import record_grid
+from jaxpound.simulation.time_steps import record_grid
 from jaxpound.units import SI_UNITS
 
 _Pga = Annotated[float, between(1e-6, MOST_PGA, "g", "several times the largest ever recorded")]

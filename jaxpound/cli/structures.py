@@ -16,7 +16,7 @@ from jaxpound.model.places import link_places
 from jaxpound.model.plausibility import doubts, too_wide
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.scheme import require_local_flow, require_stable
-from jaxpound.simulation.time_step import chosen_step, time_grid
+from jaxpound.simulation.time_steps import chosen_step, time_grid
 
 _OF_PAIR = {
     "gap": "the key 'gap'",

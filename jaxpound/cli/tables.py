@@ -19,7 +19,7 @@ from jaxpound.model.plausibility import FRICTION, GAP
 from jaxpound.results.named import REQUIRED_GAP, kind_of
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
 from jaxpound.scenarios.ground_draw import GroundDraw
-from jaxpound.simulation.time_step import DURATION
+from jaxpound.simulation.time_steps import DURATION
 
 OF_DEMANDS = {  # ranges of limits and thresholds of a demand, by its kind of quantity
     "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),

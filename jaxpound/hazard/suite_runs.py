@@ -30,7 +30,7 @@ from jaxpound.results import named
 from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single_system
-from jaxpound.simulation.time_step import record_grid
+from jaxpound.simulation.time_steps import record_grid
 from jaxpound.store.store import RunLog, identity, program_digest
 from jaxpound.units import SI_UNITS, Scales, scales_for
 

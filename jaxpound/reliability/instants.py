@@ -17,10 +17,10 @@ from jaxpound.model.ends import elongation
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import System, is_closable
 from jaxpound.model.topology import storey_rods
+from jaxpound.reliability.observers import ACCELERATIONS, POSITIONS, ROD_FORCES
 from jaxpound.results.demand import OF_CONTACTS, OF_FLOORS, Demand
 from jaxpound.results.elements import place_of
 from jaxpound.results.named import REQUIRED_GAP
-from jaxpound.simulation.rollout import ACCELERATIONS, POSITIONS, ROD_FORCES
 
 _PERIOD = 2 * np.pi  # of structure 1, in 1/ω1
 _PER_PERIOD = 20

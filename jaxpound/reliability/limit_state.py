@@ -21,11 +21,11 @@ from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, paths, replaced, require_paths
 from jaxpound.model.system import Structures, without_contact
 from jaxpound.reliability.instants import OBSERVERS, Series, is_by_impacts, measured, series_of
+from jaxpound.reliability.observers import observed_at
 from jaxpound.results import named
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
 from jaxpound.scenarios.scenarios import ScenarioSet, discrete_names
-from jaxpound.simulation.rollout import observed_at
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
 from jaxpound.store.store import RunLog, identity, program_digest

@@ -3,7 +3,7 @@
 ``run`` has ``simulate`` and ``demand``. ``scheme`` chooses the discretisation, and ``rollout``
 prepares a run: its ``constants``, its start, and the loop over the instants of ``time``. ``step``
 is one step, and ``state`` has what it takes and gives; ``rods``, ``joints`` and ``contact`` have
-the parts of it. ``observe`` has what is kept of the instants, and ``time_step`` chooses a grid;
+the parts of it. ``observe`` has what is kept of the instants, and ``time_steps`` chooses a grid;
 ``jaxpound._xla`` makes the programs of all of them fast. ``docs/numerics.md`` has the equations.
 """
 

@@ -1,6 +1,7 @@
 """From structures and a ground motion to a scan over the instants; Richardson extrapolation.
 
-``simulate`` and ``demand`` observe a ``Rollout`` at every instant, ``observed_at`` at one of them.
+``simulate`` and ``demand`` observe a ``Rollout`` at every instant; those who look for the design
+point of an event observe it at one of them.
 
 Extrapolation runs at two steps, so that the leading errors cancel: an error of c h² + O(h³) leaves
 O(h³) in (4 y(h/2) − y(h))/3. Friction's events are located within their step, so that c does not
@@ -17,7 +18,6 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 from jax.tree_util import keystr
-from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, all_hold
 from jaxpound._fields import Quantity, node_classes, rules, walk
@@ -26,17 +26,15 @@ from jaxpound._xla.derivatives import recomputed
 from jaxpound._xla.plan import choice
 from jaxpound._xla.quotients import differentiated_with, unknown
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ground, GroundLike, as_motion
-from jaxpound.ground.run_input import as_run
+from jaxpound.ground.motion import Ground, as_motion
 from jaxpound.model.hysteresis import zener_of
 from jaxpound.model.initial import InitialState, initial_rules
-from jaxpound.model.system import Structures, System, gravity_of
-from jaxpound.model.topology import Topology
+from jaxpound.model.system import Structures, System
 from jaxpound.results.response import Response
 from jaxpound.simulation.constants import StepConstants, has_flows
 from jaxpound.simulation.scheme import Scheme, is_stable
 from jaxpound.simulation.state import Instant, Now, RunState
-from jaxpound.simulation.step import accelerations, one_step
+from jaxpound.simulation.step import one_step
 from jaxpound.simulation.time.scan import scan_with_history
 
 T = TypeVar("T")
@@ -179,68 +177,3 @@ def extrapolated_response(coarse: Response, fine: Response) -> Response:
 
     series = jax.tree.map_with_path(leaf, coarse, fine)
     return dataclasses.replace(series, demand=extrapolated(coarse.demand, fine.demand))
-
-
-class Observer(NamedTuple):
-    """What is observed of structures at an instant."""
-
-    of: Callable[[StepConstants, Instant], tuple[Any, ...]]
-    size: Callable[[Topology], int]  # of the numbers
-
-
-def _positions(system: StepConstants, now: Instant) -> tuple[Any, ...]:
-    return *now.x, *(link.closing for link in now.links)
-
-
-POSITIONS = Observer(_positions, lambda topology: topology.n_masses + len(topology.links))
-"""Displacement of each mass, and the closing of each link: its gap at rest less its gap."""
-
-ACCELERATIONS = Observer(accelerations, lambda topology: topology.n_masses)
-"""Absolute acceleration x'' + u'' of each mass."""
-
-ROD_FORCES = Observer(lambda system, now: now.forces, lambda topology: len(topology.rods))
-"""Force of each rod."""
-
-
-def observed_at(
-    observer: Observer,
-    structures: Structures,
-    ground: GroundLike,
-    grid: TimeGrid,
-    scheme: Scheme,
-    instant: ArrayLike,
-) -> tuple[Any, ...]:
-    """What is observed at the instant with a number, from 0 to n_steps, which may be traced.
-
-    It suits many derivatives: a run keeps no series and observes nothing else. It does not check
-    the input (``demand`` does); an invalid run gives NaN.
-    """
-    ground = as_run(ground, scheme.finest(grid), gravity_of(structures))
-    case = structures, ground
-    return _observed_at(observer, case, program_key(case), grid, scheme, jnp.asarray(instant))
-
-
-@partial(jax.jit, static_argnames=("observer", "key", "grid", "scheme"))
-def _observed_at(
-    observer: Observer,
-    case: tuple[Structures, Ground],
-    key: Hashable,
-    grid: TimeGrid,
-    scheme: Scheme,
-    number: Any,
-) -> tuple[Any, ...]:
-    def observed(grid: TimeGrid, instant: Any) -> tuple[Any, ...]:
-        run = Rollout.of(*case, grid, scheme)
-
-        def observe(kept: Any, now: Instant, m: jax.Array) -> tuple[Any, None]:
-            seen = observer.of(run.constants, now)
-            kept = jax.tree.map(lambda old, new: jnp.where(m == instant, new, old), kept, seen)
-            return kept, None
-
-        before = (run.zero,) * observer.size(run.system.topology)
-        (_, kept), _ = run.observed(observe, before)
-        return kept
-
-    if not scheme.extrapolated:
-        return observed(grid, number)
-    return extrapolated(observed(grid, number), observed(grid.halved, 2 * number))

@@ -46,7 +46,7 @@ from jaxpound.simulation.scheme import (
     single_system,
 )
 from jaxpound.simulation.state import Instant
-from jaxpound.simulation.time_step import run_grid
+from jaxpound.simulation.time_steps import run_grid
 
 Case = tuple[Structures, Ground, InitialState | None]  # of a run, with its start
 

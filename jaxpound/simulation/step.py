@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._xla.alike import map_alike
-from jaxpound.model.ends import along, load_on
+from jaxpound.model.ends import along
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState, SeenGroup
@@ -164,13 +164,3 @@ def observed(
         links=tuple(links[k] for k in sorted(links)),
         needs_flow=needs_flow,
     )
-
-
-def accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
-    """Absolute acceleration x'' + ι u'' of each mass at an instant."""
-    ends, forces = list(system.rod_ends), [*now.forces]
-    for group, seen in zip(system.groups, now.groups, strict=True):
-        ends += [joint.ends for joint in group.joints]
-        forces += seen.totals
-    masses = enumerate(system.masses)
-    return tuple(load_on(number, ends, forces) / mass for number, mass in masses)

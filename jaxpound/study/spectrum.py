@@ -23,7 +23,7 @@ from jaxpound.model.hysteresis import Bilinear
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.time_step import record_grid
+from jaxpound.simulation.time_steps import record_grid
 from jaxpound.units import Scales
 
 _TAU_F = 2e-4  # over the period: the rod is a spring and a dashpot to four digits

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 import jaxpound as jp
 from jaxpound.cli import files, rare, reading
 from jaxpound.cli import main as cli
-from jaxpound.simulation.rollout import POSITIONS, observed_at
+from jaxpound.reliability.observers import POSITIONS, observed_at
 from tests.cli.commands import changed, example_pair, refusal, run
 from tests.cli.written import csv_rows, number, summary, tables
 from tests.reliability.test_subset import stopped

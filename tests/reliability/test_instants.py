@@ -9,7 +9,7 @@ import pytest
 import jaxpound as jp
 from jaxpound.model.places import link_places
 from jaxpound.reliability.instants import chosen_instants, measured, series_of
-from jaxpound.simulation.rollout import ACCELERATIONS, POSITIONS, ROD_FORCES, observed_at
+from jaxpound.reliability.observers import ACCELERATIONS, POSITIONS, ROD_FORCES, observed_at
 from tests.made import row_of
 
 PAPER, GROUND, SCHEME = jp.paper.structures(), jp.paper.ground(), jp.Scheme()

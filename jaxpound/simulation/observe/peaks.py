@@ -28,15 +28,21 @@ class Peak(NamedTuple):
     rise: jax.Array  # from the sample before to the last
     rise_before: jax.Array  # and to the sample before
 
-    def observe(self, y: jax.Array, smooth: jax.Array | bool = True) -> Peak:
-        """The peak with one more sample; ``smooth`` says that no jump is among the last three."""
+    def observe(
+        self, y: jax.Array, smooth: jax.Array | bool = True, terms: jax.Array | None = None
+    ) -> Peak:
+        """The peak with one more sample; ``smooth`` says that no jump is among the last three.
+
+        ``terms`` is the size of the numbers whose difference it is, in which it is rounded.
+        """
         rise = y - self.last
         if smooth is False:
             return Peak(larger(self.largest, jnp.abs(y)), y, rise, self.rise)
         # The parabola through them turns within half a step of the middle one. Where two of them
         # tie but for rounding, as in stick, a rise has no sign: the sample after the tie tells.
         limits = jnp.finfo(rise.dtype)
-        tie = _TIE * limits.eps * larger(self.largest, jnp.abs(y))
+        size = larger(self.largest, jnp.abs(y))
+        tie = _TIE * limits.eps * (size if terms is None else larger(size, terms))
         to_middle = jnp.where(jnp.abs(self.rise) > tie, self.rise, self.rise_before)
         up, down = (to_middle > tie) & (rise < -tie), (to_middle < -tie) & (rise > tie)
         bend = rise - self.rise
@@ -61,6 +67,7 @@ class Sample(NamedTuple):
     value: jax.Array
     smooth: jax.Array | bool  # whether no jump is among the last three samples
     others: Sequence[jax.Array] = ()  # values that the series has reached since the last sample
+    terms: jax.Array | None = None  # size of the numbers whose difference it is
 
 
 class Peaks(NamedTuple):
@@ -85,11 +92,12 @@ class Peaks(NamedTuple):
     def observe(self, samples: Sequence[Sample]) -> Peaks:
         """The peaks with one more sample of each series."""
         if isinstance(self.of_series, Peak):
-            values, smooth, others = zip(*samples, strict=True)
-            peak = self.of_series.observe(jnp.stack(values), jnp.stack(smooth))
+            values, smooth, others, terms = zip(*samples, strict=True)
+            sizes = [0 * y if size is None else size for y, size in zip(values, terms, strict=True)]
+            peak = self.of_series.observe(*map(jnp.stack, (values, smooth, sizes)))
             return Peaks(peak.include(*map(jnp.stack, zip_longest(*others, fillvalue=0.0))))
         observed = (
-            peak.observe(sample.value, sample.smooth).include(*sample.others)
+            peak.observe(sample.value, sample.smooth, sample.terms).include(*sample.others)
             for peak, sample in zip(self.of_series, samples, strict=True)
         )
         return Peaks(tuple(observed))

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound.model.ends import WeightedEnds, along, link_ends, load_on
+from jaxpound.model.ends import WeightedEnds, along, link_ends, load_on, times
 from jaxpound.model.system import System
 from jaxpound.model.topology import Topology, is_storey
 from jaxpound.results.demand import Demand
@@ -69,14 +69,26 @@ class _Observed(NamedTuple):
                     met = sum(step.log.touched for step in steps) > 0
                     reached.append(jnp.where(met & link.turns.exist, turned, position))
         smooth = self.smooth & ~jnp.stack(kinks).any() if kinks else self.smooth
-        return Sample(position, smooth, reached)
+        return Sample(position, smooth, reached, self.terms(ends))
+
+    def terms(self, ends: WeightedEnds) -> jax.Array | None:
+        """Size of the displacements whose difference may rest while a joint sticks; else None."""
+        masses = {*dict(ends)}
+        if not any(len(masses & {*group.shares}) > 1 for group in self.system.groups):
+            return None
+        sizes = [jnp.abs(times(weight, self.now.x[mass])) for mass, weight in ends]
+        return sum(sizes[1:], sizes[0])
 
     def force(self, number: int) -> Sample:
         """A rod's force, which has kinks where it yields, by its number."""
         law, rod = self.system.rods[number], self.now.rods[number]
         smooth = self.smooth if rod.kinked is None else self.smooth & ~rod.kinked
-        forces = [force for _, force in rod.reached]
-        return Sample(rod.force, smooth & (not law.peaks_at_kinks), forces)
+        forces, terms = (
+            [force for _, force in rod.reached],
+            self.terms(self.system.rod_ends[number]),
+        )
+        terms = None if terms is None else law.modulus * terms
+        return Sample(rod.force, smooth & (not law.peaks_at_kinks), forces, terms)
 
     def acceleration(self, mass: int) -> Sample:
         """A mass's acceleration: it jumps with the forces of its joints, and has kinks of rods."""

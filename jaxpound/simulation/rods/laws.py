@@ -47,6 +47,11 @@ class HystereticZener(RodLaw):
     memory: Zener
 
     @property
+    def modulus(self) -> Any:
+        """The stiffness of both."""
+        return self.hysteretic.modulus
+
+    @property
     def order(self) -> Any:
         """The order of the fractional rod."""
         return self.memory.order

@@ -11,7 +11,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.plots.explorer import Explorer
-from jaxpound.simulation.time_step import chosen_step, record_grid, time_step
+from jaxpound.simulation.time_steps import chosen_step, record_grid, time_step
 from tests.cli.commands import PULSE
 from tests.refusals import refusals, refused
 from tests.test_buildings import LEFT, RIGHT
