@@ -156,7 +156,7 @@ class Explorer:
 
         self.sliders: dict[str, Any] = {}
         tabs: dict[str, list[Any]] = {}
-        for tab, name, words, field, value in self._fields():
+        for tab, name, words, field, value in self._slider_fields():
             low, high = field.usual or (value, value)
             marks = ratio_marks if field.is_ratio else even_marks
             words += f" ({unit(field.kind, False)})" if field.kind else ""
@@ -183,7 +183,7 @@ class Explorer:
         picture = b64encode(self.picture.value).decode()
         return self.widget._repr_mimebundle_(**kwargs) | {"image/png": picture}
 
-    def _fields(self) -> Iterator[tuple[str, str, str, Parameter, float]]:
+    def _slider_fields(self) -> Iterator[tuple[str, str, str, Parameter, float]]:
         """Tab, name, words, metadata and first value of each slider."""
         pair, ground = self._first, self._ground
         groups = {
