@@ -8,7 +8,7 @@ computed once more by the whole program, in groups.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from operator import or_
 from typing import Any
@@ -18,16 +18,18 @@ import jax.numpy as jnp
 from jax import core, lax
 from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
+from jax.extend.core import Jaxpr
 
 from jaxpound._xla.batches import on_each_device
-from jaxpound._xla.derivatives import Program
 from jaxpound._xla.lanes import next_lanes
 
 _SMALLEST = 64  # runs of a group, at least: so many take hardly longer than a few
 _MOST_GROUPS = 8  # of a batch: each of them reads and writes the results of all runs
 
 
-def with_shortcut(whole: Program, short: Program) -> Program:
+def with_shortcut(
+    whole: Callable[..., Any], short: Callable[..., tuple[Any, jax.Array]]
+) -> Callable[..., Any]:
     """``whole``, a function of pytrees of arrays, that takes a shortcut in a batch.
 
     ``short`` returns the results of ``whole``, which are right unless the run needs ``whole``, and
@@ -38,25 +40,40 @@ def with_shortcut(whole: Program, short: Program) -> Program:
         program, shapes = jax.make_jaxpr(whole, return_shape=True)(*args)
         shorter = jax.make_jaxpr(short)(*args)
         n, end = len(program.consts), len(program.consts) + len(shorter.consts)
-        whole_program, short_program = program.jaxpr, shorter.jaxpr  # without what is outside
-        results = _in_batches(
-            lambda *x: core.eval_jaxpr(whole_program, x[:n], *x[end:]),
-            lambda *x: core.eval_jaxpr(short_program, x[n:end], *x[end:]),
-            *(*program.consts, *shorter.consts, *jax.tree.leaves(args)),
-        )
+        whole_program, short_program = map(_without_outside, (program.jaxpr, shorter.jaxpr))
+
+        def all_of_it(*values: Any) -> list[Any]:
+            return core.eval_jaxpr(whole_program, (), *values[:n], *values[end:])
+
+        def part_of_it(*values: Any) -> list[Any]:
+            return core.eval_jaxpr(short_program, (), *values[n:])
+
+        outside = *program.consts, *shorter.consts
+        results = _in_batches(all_of_it, part_of_it, *outside, *jax.tree.leaves(args))
         return jax.tree.unflatten(jax.tree.structure(shapes), results)
 
     return function
 
 
+def _without_outside(program: Jaxpr) -> Jaxpr:
+    """A program that holds nothing of the outside: what it uses of it are its first arguments."""
+    inputs = *program.constvars, *program.invars
+    names = program.debug_info.with_unknown_names()
+    return Jaxpr((), inputs, program.outvars, program.eqns, program.effects, names)
+
+
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _in_batches(whole: Program, short: Program, *values: Any) -> list[Any]:
+def _in_batches(whole: Callable[..., Any], short: Callable[..., Any], *values: Any) -> list[Any]:
     single = custom_vmap(whole)
 
     @single.def_vmap
     def batch(size: int, batched: Sequence[bool], *values: Any) -> tuple[list[Any], list[bool]]:
         axes, shared = [0 if differs else None for differs in batched], [not x for x in batched]
-        on_device = partial(_of_device, jax.vmap(whole, axes), jax.vmap(short, axes), shared)
+        whole_batch, short_batch = jax.vmap(whole, axes), jax.vmap(short, axes)
+
+        def on_device(*values: Any) -> list[Any]:
+            *results, needed = short_batch(*values)
+            return _replaced(whole_batch, needed, shared, values, results)
 
         @custom_vmap
         def runs(*values: Any) -> list[Any]:
@@ -64,7 +81,10 @@ def _in_batches(whole: Program, short: Program, *values: Any) -> list[Any]:
 
         @runs.def_vmap
         def batch_of_batches(n: int, outer: Sequence[bool], *values: Any) -> Any:
-            joined = map(partial(_joined, n, size), values, outer, batched)
+            joined = [
+                _joined(n, size, x, *differs)
+                for x, *differs in zip(values, outer, batched, strict=True)
+            ]
             results, are_batched = batch(n * size, [*map(or_, outer, batched)], *joined)
             return [x.reshape(n, size, *x.shape[1:]) for x in results], are_batched
 
@@ -84,7 +104,9 @@ def _joined(n: int, size: int, x: Any, in_outer: bool, in_inner: bool) -> Any:
 
 
 @partial(_in_batches.defjvp, symbolic_zeros=True)
-def _(whole: Program, short: Program, values: Any, changes: Any) -> tuple[list[Any], list[Any]]:
+def _(
+    whole: Callable[..., Any], short: Callable[..., Any], values: Any, changes: Any
+) -> tuple[list[Any], list[Any]]:
     moved = [i for i, change in enumerate(changes) if not isinstance(change, SymbolicZero)]
 
     def of_moved(*numbers: Any) -> list[Any]:
@@ -94,9 +116,14 @@ def _(whole: Program, short: Program, values: Any, changes: Any) -> tuple[list[A
     return jax.jvp(of_moved, [values[i] for i in moved], [changes[i] for i in moved])
 
 
-def _of_device(whole: Program, short: Program, shared: list[bool], *values: Any) -> list[Any]:
-    """The results of a batch by ``short``, those of the runs that need the ``whole`` by that."""
-    *results, needed = short(*values)
+def _replaced(
+    whole: Callable[..., list[Any]],
+    needed: jax.Array,
+    shared: Sequence[bool],
+    values: Sequence[Any],
+    results: list[Any],
+) -> list[Any]:
+    """The results of a batch with those of the runs that need the ``whole`` replaced by its own."""
     size = needed.shape[0]
     width = min(max(_SMALLEST, -(-size // _MOST_GROUPS)), size)
 
