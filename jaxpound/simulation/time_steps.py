@@ -10,7 +10,8 @@ from jaxpound._checks import Range, instance, is_traced, number
 from jaxpound._errors import InvalidInput, warn
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import GroundLike, as_motion, records_in
+from jaxpound.ground.motion import GroundLike, as_motion
+from jaxpound.ground.record import Record
 from jaxpound.ground.run_input import require_time_unit
 from jaxpound.model.row import Row
 from jaxpound.model.structures import AdjacentStructures
@@ -41,7 +42,7 @@ def run_grid(
             if value is not None:
                 raise InvalidInput(owner, name, repr(value), "must be None, since the grid has it")
         return grid
-    records: Any = [*records_in(ground)]
+    records = [part for part in as_motion(ground).parts() if isinstance(part, Record)]
     rule = "must be a TimeGrid"
     if not isinstance(structures, Buildings):
         raise InvalidInput(owner, "grid", "None", f"{rule}: it is chosen for Buildings only")
@@ -49,18 +50,16 @@ def run_grid(
         reason = "it follows from buildings, a record's dt and wavelets, of which some are traced"
         raise InvalidInput(owner, "grid", "None", f"{rule}: {reason}")
     require_time_unit("ground", ground, si=True)
-    if records:
-        own = SI_UNITS, scheme, records, duration, dt, strict
-        return record_grid(f"{owner}:", structures, *own)
-    if duration is None:
+    if not records and duration is None:
         rule = "must be stated in s, since the ground motion has no record"
         raise InvalidInput(owner, "duration", "None", rule)
-    whole = float(number(owner, "duration", duration))
-    if dt is None:
-        dt = chosen_step(structures, SI_UNITS, scheme, whole, strict=strict)
-        while as_motion(ground).unresolved(dt) and whole < MOST_STEPS * dt / 2:
-            dt /= 2
-    return time_grid(f"{owner}:", SI_UNITS, whole, float(number(owner, "dt", dt)))
+    options = SI_UNITS, scheme, records, duration, dt, strict
+    grid = record_grid(f"{owner}:", structures, *options)
+    while dt is None and not records and as_motion(ground).unresolved(grid.dt):
+        if 2 * grid.n_steps > MOST_STEPS:
+            break
+        grid = grid.halved
+    return grid
 
 
 def record_grid(
@@ -68,19 +67,20 @@ def record_grid(
     structures: AdjacentStructures | Row | Buildings,
     scales: Scales,
     scheme: Scheme,
-    records: Sequence[Any],
+    records: Sequence[Record],
     duration: float | None = None,
     dt: float | None = None,
     strict: bool = False,
 ) -> TimeGrid:
     """The dimensionless time grid of a run under records; duration and dt are in s.
 
-    By default it is as long as the longest, with steps for the finest. A ``ValueError`` if one of
-    them breaks its rule, whose message starts with ``place``.
+    By default it is as long as the longest, with steps for the finest; without records the duration
+    is stated. A ``ValueError`` if one of them breaks its rule, whose message starts with ``place``.
     """
-    own = min(float(record.dt) for record in records)
-    whole = max(float(record.duration) for record in records)
-    if duration is not None:
+    own = min((float(record.dt) for record in records), default=math.inf)
+    if duration is None:
+        whole = max(float(record.duration) for record in records)
+    else:
         whole = float(number(place.rstrip(":"), "duration", duration))
         DURATION.require(f"{place} duration", whole)
     if dt is None:

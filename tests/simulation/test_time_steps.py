@@ -58,7 +58,8 @@ def test_of_several_records_the_finest_sets_the_step_and_the_longest_the_duratio
 
 def test_without_a_record_steps_resolve_wavelets_and_the_duration_is_stated():
     slow = jp.Ricker(0.05, 1.0, 2.0)
-    for wave, step in ((slow, 0.012), (slow + jp.Ricker(1e-4, 0.05, 2.0), 0.006)):
+    pulse = jp.Pulse(0.1, 1.0, 2.0, time_unit="s")
+    for wave, step in ((slow, 0.012), (pulse, 0.012), (slow + jp.Ricker(1e-4, 0.05, 2.0), 0.006)):
         time = jp.simulate(pair(), wave, duration=4.0).time
         assert float(time[1]) == pytest.approx(step, rel=1e-2)
     refused("simulate: duration = None must be stated in s", jp.simulate, pair(), slow)
