@@ -247,10 +247,8 @@ def instead(value: Any, types: str) -> str:
         return "; Buildings((left, right), links) makes structures of them"
     if not hasattr(type(first), "system"):
         return ""
-    whole = "; simulate and demand take structures"
-    return (
-        f"{whole}; its field buildings has each building" if hasattr(first, "buildings") else whole
-    )
+    parts = "; its field buildings has each building" if hasattr(first, "buildings") else ""
+    return f"; simulate and demand take structures{parts}"
 
 
 def pytree(owner: str, name: str, value: Any) -> None:

@@ -14,7 +14,7 @@ from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import parameter, part, pytree_dataclass, ranges, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.plausibility import FRICTION, GAP, doubts, too_wide
+from jaxpound.model.plausibility import FRICTION, GAP, doubts
 from jaxpound.model.row import FloorLink, LinkLabels, Row, by_face, require_floors, require_heights
 from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
 from jaxpound.model.structures import AdjacentStructures
@@ -103,7 +103,7 @@ class Buildings:
             for x in self.links
         ]
         form = Buildings.of("Buildings", self.buildings, links, self.gravity).dimensionless()
-        return doubts(*form) + too_wide(*form)
+        return doubts(*form)
 
     @property
     def natural_frequencies(self) -> tuple[float, ...]:
@@ -177,7 +177,7 @@ def dimensionless(
     0.1
     """
     form = pair_of("dimensionless", (building_1, building_2), friction_force, gap, contact, gravity)
-    warn("dimensionless", doubts(*form) + too_wide(*form), strict=False)
+    warn("dimensionless", doubts(*form), strict=False)
     return form
 
 

@@ -13,7 +13,7 @@ from jaxpound.cli.buildings import BlockSection, BuildingsLayout
 from jaxpound.cli.reading import File, Range, Section, named, refused
 from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, read_records
 from jaxpound.model.places import link_places
-from jaxpound.model.plausibility import doubts, too_wide
+from jaxpound.model.plausibility import doubts
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.scheme import require_local_flow, require_stable
 from jaxpound.simulation.time_steps import chosen_step, time_grid
@@ -52,12 +52,8 @@ class Structured(Section, dict=True):
         places = link_places(self.structures.system().topology)
         tables = zip(places, self.layout.tables if self.building else (), strict=False)
         names = {f"link {place}": f"[[link]] {n} ({place})" for place, n in tables if n}
-        findings = (x.partition(": ") for x in self.doubts())
+        findings = (x.partition(": ") for x in doubts(self.structures, self.scales))
         warn("configuration", ["".join((names.get(x, x), *more)) for x, *more in findings])
-
-    def doubts(self) -> list[str]:
-        """What is implausible in buildings, dampers and contact."""
-        return doubts(self.structures, self.scales) + too_wide(self.structures, self.scales)
 
     @cached_property
     def layout(self) -> BuildingsLayout:

@@ -68,24 +68,20 @@ _HERTZ = 2.9432
 
 
 def doubts(structures: AdjacentStructures | Row, scales: Scales) -> list[str]:
-    """The first finding of each kind: in masses, periods, strengths, slip forces, contact laws."""
+    """The first finding of each kind: in masses, periods, strengths, slip forces, laws, gaps.
+
+    Gaps are too wide if no earthquake closes them; of dimensionless structures in a run its
+    displacements decide (``ground.plausibility.far_apart``).
+    """
     if (floors := _Floors.of(structures, scales)) is None:
         return []
     links = _links(structures, scales)
     slips = [_slip(names[0], link, floors) for names, link in links]
     contacts = [_touching(names[2], link, floors) for names, link in links]
+    widths = [_width(names[1], link, floors) for names, link in links]
     findings = [*floors.doubts(), *_first(floors.strengths), *_first(slips), *_first(contacts)]
-    return findings or floors.size()  # the others ask for the unit of the masses as well
-
-
-def too_wide(structures: AdjacentStructures | Row, scales: Scales) -> list[str]:
-    """A finding for the first gap that no earthquake closes.
-
-    After a run its displacements decide instead (``ground.plausibility.far_apart``).
-    """
-    if (floors := _Floors.of(structures, scales)) is None:
-        return []
-    return _first([_width(names[1], link, floors) for names, link in _links(structures, scales)])
+    # The size of masses is for those in which nothing else asks for their unit.
+    return (findings or floors.size()) + _first(widths)
 
 
 class _Floors(NamedTuple):

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.extend.core import jaxprs_in_params
 
 import jaxpound as jp
 from jaxpound._xla import plan
@@ -181,7 +182,6 @@ def _with(friction):
 
 def _inner(program):
     for equation in program.eqns:
-        for x in jax.tree.leaves(equation.params, is_leaf=lambda y: hasattr(y, "eqns")):
-            if inner := getattr(x, "jaxpr", x if hasattr(x, "eqns") else None):
-                yield equation.params.get("name"), inner
-                yield from _inner(inner)
+        for inner in jaxprs_in_params(equation.params):
+            yield equation.params.get("name"), inner
+            yield from _inner(inner)

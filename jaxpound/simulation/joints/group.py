@@ -70,10 +70,8 @@ def without_flow(
         kicked = dataclasses.replace(group, delassus=mobility)
         motion = _motion_without_events(kicked, before.velocity, pushed, rise, h)
     else:
-        velocity, phase, friction = before.velocity, before.phase, group.frictions
-        link = LinkStep(velocity, phase, pushed, rise, mobility[0], friction, h)
-        axes: Any = LinkStep(*(0,) * 6, dt=None)  # type: ignore[arg-type]
-        motion = jax.vmap(law.slide, (axes,))(link)
+        link = before.velocity, before.phase, pushed, rise, mobility[0], group.frictions, h
+        motion = jax.vmap(lambda *x: law.slide(LinkStep(*x)), (*[0] * 6, None))(*link)
     moved = Moved.by(motion, before, pull, h)
     if not group.may_need_flow:
         return moved

@@ -93,8 +93,9 @@ class Peaks(NamedTuple):
         """The peaks with one more sample of each series."""
         if isinstance(self.of_series, Peak):
             values, smooth, others, terms = zip(*samples, strict=True)
-            sizes = [0 * y if size is None else size for y, size in zip(values, terms, strict=True)]
-            peak = self.of_series.observe(*map(jnp.stack, (values, smooth, sizes)))
+            sizes = [0.0 if size is None else size for size in terms]
+            all_sizes = None if terms == (None,) * len(terms) else jnp.stack(sizes)
+            peak = self.of_series.observe(jnp.stack(values), jnp.stack(smooth), all_sizes)
             return Peaks(peak.include(*map(jnp.stack, zip_longest(*others, fillvalue=0.0))))
         observed = (
             peak.observe(sample.value, sample.smooth, sample.terms).include(*sample.others)

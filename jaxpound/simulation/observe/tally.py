@@ -81,12 +81,9 @@ class _Observed(NamedTuple):
 
     def force(self, number: int) -> Sample:
         """A rod's force, which has kinks where it yields, by its number."""
-        law, rod = self.system.rods[number], self.now.rods[number]
+        system, law, rod = self.system, self.system.rods[number], self.now.rods[number]
         smooth = self.smooth if rod.kinked is None else self.smooth & ~rod.kinked
-        forces, terms = (
-            [force for _, force in rod.reached],
-            self.terms(self.system.rod_ends[number]),
-        )
+        forces, terms = [force for _, force in rod.reached], self.terms(system.rod_ends[number])
         terms = None if terms is None else law.modulus * terms
         return Sample(rod.force, smooth & (not law.peaks_at_kinks), forces, terms)
 
