@@ -48,7 +48,11 @@ class Group(NamedTuple):
 
 
 class Coupled(NamedTuple):
-    """Groups of one shape, each of n joints and g gaps; several have arrays with a leading axis."""
+    """Groups of one shape, each of n joints and g gaps; several have arrays with a leading axis.
+
+    A joint alone that never needs a flow has numbers in the place of arrays of length one, of which
+    gradients would take longer.
+    """
 
     of: tuple[Group, ...]
     coupling: Coupling
@@ -58,8 +62,15 @@ class Coupled(NamedTuple):
         """A function of the numbers of one group, applied to each group."""
         return jax.vmap(function)(*values) if len(self.of) > 1 else function(*values)
 
+    def _times(self, matrix: jax.Array, y: jax.Array) -> jax.Array:
+        """The matrix of each group times a vector of its joints."""
+        product: jax.Array = matrix * y if not jnp.ndim(y) else self._map(times, matrix, y)
+        return product
+
     def _array(self, by_joint: Sequence[Any]) -> jax.Array:
         """Numbers of all joints as an array, (n,), or (groups, n) of several groups."""
+        if not self.coupling.may_need_flow:
+            return by_joint[0]
         # Not ``stack``: a batch of it lies along its last axis, so that a step, whose state has
         # other axes than its result then, is traced and compiled twice.
         flat = jnp.concatenate([jnp.expand_dims(y, 0) for y in by_joint])
@@ -68,6 +79,12 @@ class Coupled(NamedTuple):
 
     def _by_group(self, tree: Any) -> list[Any]:
         return unstacked(tree) if len(self.of) > 1 else [tree]
+
+    def _by_joint(self, tree: Any) -> list[list[Any]]:
+        """By group the numbers of each joint."""
+        if not self.coupling.may_need_flow:
+            return [[tree]]
+        return [unstacked(group) for group in self._by_group(tree)]
 
     def start(self, zero: jax.Array, x: Sequence[Any], v: Sequence[Any]) -> JointState:
         """Their state at the start of a run."""
@@ -93,7 +110,7 @@ class Coupled(NamedTuple):
             for joint, iota in zip(group.joints, group.influence, strict=True)
         ]
         pull = self._array(pulls)
-        return pull if self.inerters is None else self._map(times, self.inerters.reduction, pull)
+        return pull if self.inerters is None else self._times(self.inerters.reduction, pull)
 
     def follow(self, y: list[Any], missing: Any) -> None:
         """Add S times missing closings to the motions of masses, so that their joints have them."""
@@ -103,14 +120,13 @@ class Coupled(NamedTuple):
 
     def stop(self, v: list[Any], stop: Any) -> None:
         """Add to velocities what the last end of a joint, or with weights all, make of a change."""
-        for group, changes in zip(self.of, self._by_group(stop), strict=True):
-            for number, (joint, change) in enumerate(zip(group.joints, changes, strict=True)):
-                mass, weight = joint.ends[-1]
-                if isinstance(weight, int):
-                    v[mass] = v[mass] + change / weight
-                    continue
-                for mass, shares in group.shares.items():  # as a weight may be 0
-                    v[mass] = v[mass] + shares[number] * change
+        ((joint,),), ((change,),) = [group.joints for group in self.of], self._by_joint(stop)
+        mass, weight = joint.ends[-1]
+        if isinstance(weight, int):
+            v[mass] = v[mass] + change / weight
+            return
+        for mass, share in self.of[0].shares.items():  # as a weight may be 0
+            v[mass] = v[mass] + share * change
 
     def flow(
         self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int
@@ -149,7 +165,7 @@ class Coupled(NamedTuple):
     def seen(self, moved: Moved, flow: Flow | None, inertia: Callable[..., Any]) -> list[SeenGroup]:
         """The groups as they are observed; ``inertia`` has forces of inerters beside others."""
         gaps, of_joints = self.coupling.gaps, moved.state._replace(contact=None)
-        joints = [unstacked(y) for y in self._by_group(moved._replace(state=of_joints))]
+        joints = self._by_joint(moved._replace(state=of_joints))
         steps, used = [list[GapStep]()] * len(self.of), [jnp.zeros((), bool)] * len(self.of)
         if flow is not None:
             used = self._by_group(flow.used)
@@ -176,13 +192,12 @@ class Coupled(NamedTuple):
         """The forces b s'' of inerters beside other forces; None of joints without one."""
         if self.inerters is None:
             return [[None] * len(group.joints) for group in self.of]
-        others = self._map(
-            times, self.coupling.delassus, self._array([q for group in forces for q in group])
-        )
-        inert = iter((self.inerters.inertances * (self.pull(free, ground) - others)).ravel())
+        total = self._array([q for group in forces for q in group])
+        others = self._times(self.coupling.delassus, total)
+        inert = self._by_joint(self.inerters.inertances * (self.pull(free, ground) - others))
         return [
-            [force if has else None for has, force in zip(group.has_inerter, inert, strict=False)]
-            for group in self.of
+            [force if has else None for has, force in zip(group.has_inerter, row, strict=True)]
+            for group, row in zip(self.of, inert, strict=True)
         ]
 
 
@@ -293,6 +308,8 @@ def joint_group(
         laws=tuple(with_mass(system.links[k].contact, 1 / delassus[n, n]) for n, _, k in gaps),
         gaps=tuple((number, side) for number, side, _ in gaps),
     )
+    if not coupling.may_need_flow:  # a joint alone
+        coupling, inerters, shares = jax.tree.map(jnp.squeeze, (coupling, inerters, shares))
     of_gaps = tuple(link for *_, link in gaps)
     group = Group(tuple(joints), of_gaps, shares, driven, has_inerter)
     return Coupled((group,), coupling, inerters)

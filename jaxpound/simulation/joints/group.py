@@ -70,8 +70,9 @@ def without_flow(
         kicked = dataclasses.replace(group, delassus=mobility)
         motion = _motion_without_events(kicked, before.velocity, pushed, rise, h)
     else:
-        link = before.velocity, before.phase, pushed, rise, mobility[0], group.frictions, h
-        motion = jax.vmap(lambda *x: law.slide(LinkStep(*x)), (*[0] * 6, None))(*link)
+        mobility = mobility.reshape(before.closing.shape)
+        link = before.velocity, before.phase, pushed, rise, mobility, group.frictions, h
+        motion = law.slide(LinkStep(*link))
     moved = Moved.by(motion, before, pull, h)
     if not group.may_need_flow:
         return moved
