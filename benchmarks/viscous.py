@@ -52,7 +52,7 @@ def main() -> None:
                 frame = jp.ShearBuilding.from_period(n, 3e5, period, DAMPING, 1, tau_f)
                 building, modes, k = jp.Buildings((frame,)), frame.modes(), min(n, 2) - 1
                 limit, duration = jp.stability_limit(building), float(ground.duration)
-                dt = chosen_step(building, jp.Scales(1.0, 1.0), jp.Scheme(), duration, ground.dt)
+                dt = chosen_step(building, jp.Scheme(), duration, ground.dt)
                 of_mode = modes.periods[k] * omega[k] / 2 / np.pi - 1
                 damping = modes.damping_ratios[k] / (DAMPING * omega[k] / omega[0]) - 1
                 line = f"{n} storeys, {period} s, tau_f = {tau_f}: limit {1e3 * limit:.2f} ms, "

@@ -84,7 +84,7 @@ class AnalysisOptions(NamedTuple):
         longest = max(suite, key=lambda record: float(record.duration))
         names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
         place, options = f"{owner}: records: {names}", (self.scheme, [*suite])
-        return record_grid(place, structures, self.scales, *options, strict=self.strict)
+        return record_grid(place, structures, *options, strict=self.strict)
 
 
 class Intensity(NamedTuple):

@@ -196,23 +196,18 @@ def _unresolved(system: System, dt: float) -> list[str]:
     return []
 
 
-def require_stable(
-    structures: Structures, scheme: Scheme, dt: float, place: str = "grid:", time: Any = None
-) -> None:
-    """An ``InvalidInput`` for a step with which concrete structures diverge.
-
-    ``time`` is the unit of time of dimensionless ones, s, if dt is in s.
-    """
-    system, seconds = structures.system(), float(time or 1)
+def require_stable(structures: Structures, scheme: Scheme, dt: float, place: str = "grid:") -> None:
+    """An ``InvalidInput`` for a step with which concrete structures diverge."""
+    system = structures.system()
     if is_traced(system):
         return
     concrete = jax.tree.map(np.asarray, system)
-    if dt > 0 and _courant(concrete, dt / seconds, scheme) < 1:
+    if dt > 0 and _courant(concrete, dt, scheme) < 1:
         return
-    unit = "/ω1" if time is None and gravity_of(structures) is None else " s"
+    unit = "/ω1" if gravity_of(structures) is None else " s"
     limit = stability_limit(system, scheme)
-    rule = f"must be positive and below the stability limit {limit * seconds:.8g}{unit} of these "
-    rule += f"structures, set by {stiffest_rod(concrete, limit, scheme, seconds, unit)[0]}"
+    rule = f"must be positive and below the stability limit {limit:.8g}{unit} of these "
+    rule += f"structures, set by {stiffest_rod(concrete, limit, scheme, unit)[0]}"
     raise InvalidInput("", f"{place} dt", f"{dt:.8g}{unit}", rule)
 
 
@@ -261,9 +256,7 @@ def _courant(system: System, dt: Any, scheme: Scheme) -> Any:
 _STIFFENED = 2.0  # times as stiff as at rest: a larger tau_f would allow longer steps
 
 
-def stiffest_rod(
-    system: System, limit: float, scheme: Scheme, time: float, unit: str = " s"
-) -> tuple[str, float]:
+def stiffest_rod(system: System, limit: float, scheme: Scheme, unit: str) -> tuple[str, float]:
     """In words the rod with the largest stiffness at the limit over the masses at its ends.
 
     The number is by how many times a small τ_f makes it stiffer than at rest.
@@ -275,7 +268,7 @@ def stiffest_rod(
     if law is None or times < _STIFFENED:
         return part, 1.0
     order = float(law.order)
-    tau = f"{float(law.tau_f) * time**order:.4g}{f'{unit}^{order:.4g}' if unit == ' s' else ''}"
+    tau = f"{float(law.tau_f):.4g}{f'{unit}^{order:.4g}' if unit == ' s' else ''}"
     tau = tau.removesuffix("^1")
     stiffer = f"{part}, which its small tau_f = {tau} makes {times:.3g} times as stiff as at rest: "
     return f"{stiffer}a larger one allows longer steps", times

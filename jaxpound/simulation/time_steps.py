@@ -13,11 +13,8 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike, as_motion
 from jaxpound.ground.record import Record
 from jaxpound.ground.run_input import require_time_unit
-from jaxpound.model.row import Row
-from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import Structures
 from jaxpound.simulation.scheme import Scheme, require_stable, stability_limit, stiffest_rod
-from jaxpound.units import SI_UNITS, Scales
 
 STEPS_PER_PERIOD = 50  # at least: the error in a free vibration is then below 0.1 % of its period
 MOST_SHORTENED = 20.0  # times the steps that periods and record need: above it, a run warns of τ_f
@@ -53,8 +50,7 @@ def run_grid(
     if not records and duration is None:
         rule = "must be stated in s, since the ground motion has no record"
         raise InvalidInput(owner, "duration", "None", rule)
-    options = SI_UNITS, scheme, records, duration, dt, strict
-    grid = record_grid(f"{owner}:", structures, *options)
+    grid = record_grid(f"{owner}:", structures, scheme, records, duration, dt, strict)
     while dt is None and not records and as_motion(ground).unresolved(grid.dt):
         if 2 * grid.n_steps > MOST_STEPS:
             break
@@ -64,15 +60,14 @@ def run_grid(
 
 def record_grid(
     place: str,
-    structures: AdjacentStructures | Row | Buildings,
-    scales: Scales,
+    buildings: Buildings,
     scheme: Scheme,
     records: Sequence[Record],
     duration: float | None = None,
     dt: float | None = None,
     strict: bool = False,
 ) -> TimeGrid:
-    """The dimensionless time grid of a run under records; duration and dt are in s.
+    """The time grid of a run of buildings under records; duration and dt are in s.
 
     By default it is as long as the longest, with steps for the finest; without records the duration
     is stated. A ``ValueError`` if one of them breaks its rule, whose message starts with ``place``.
@@ -84,21 +79,19 @@ def record_grid(
         whole = float(number(place.rstrip(":"), "duration", duration))
         DURATION.require(f"{place} duration", whole)
     if dt is None:
-        dt = chosen_step(structures, scales, scheme, whole, own, strict)
+        dt = chosen_step(buildings, scheme, whole, own, strict)
     else:
         dt = float(number(place.rstrip(":"), "dt", dt))
-        require_stable(structures, scheme, dt, place, scales.time)
+        require_stable(buildings, scheme, dt, place)
         if dt > own * (1 + 1e-9):
             rule = f"at most the record's, {own:.6g} s: samples would be skipped"
             raise ValueError(f"{place} dt = {dt:.6g} s must be {rule}")
-    return time_grid(place, scales, whole, dt)
+    return time_grid(place, whole, dt)
 
 
-def natural_periods(
-    structures: AdjacentStructures | Row | Buildings, scales: Scales
-) -> list[float]:
+def natural_periods(buildings: Buildings) -> list[float]:
     """Natural period of the first mode of each building, uncoupled, s."""
-    return [2 * math.pi / float(w) * float(scales.time) for w in structures.natural_frequencies]
+    return [2 * math.pi / float(w) for w in buildings.natural_frequencies]
 
 
 def time_step(periods: Iterable[float], limit: float, record_dt: float = math.inf) -> float:
@@ -114,27 +107,25 @@ def time_step(periods: Iterable[float], limit: float, record_dt: float = math.in
 
 
 def chosen_step(
-    structures: AdjacentStructures | Row | Buildings,
-    scales: Scales,
+    buildings: Buildings,
     scheme: Scheme,
     duration: float,
     record_dt: float = math.inf,
     strict: bool = False,
 ) -> float:
     """``time_step`` of a run of a duration, s; a warning if a small τ_f makes it short."""
-    limit, time = stability_limit(structures, scheme), float(scales.time)
-    periods = natural_periods(structures, scales)
-    dt, needed = (time_step(periods, x, record_dt) for x in (limit * time, math.inf))
-    part, stiffer = stiffest_rod(structures.system(), limit, scheme, time)
+    limit, periods = stability_limit(buildings, scheme), natural_periods(buildings)
+    dt, needed = (time_step(periods, x, record_dt) for x in (limit, math.inf))
+    part, stiffer = stiffest_rod(buildings.system(), limit, scheme, " s")
     if min(needed / dt, stiffer**0.5) > MOST_SHORTENED:  # steps shorten with the square root
         times = f"{duration / dt:,.0f} steps of {dt:.3g} s are taken, {needed / dt:.0f} times as "
         warn("dt", [f"{times}many as periods and record need, because of {part}"], strict)
     return dt
 
 
-def time_grid(place: str, scales: Scales, duration: float, dt: float) -> TimeGrid:
-    """The dimensionless grid of a duration and a step in s, if there are few enough steps."""
+def time_grid(place: str, duration: float, dt: float) -> TimeGrid:
+    """The grid of a duration and a step in s, if there are few enough steps."""
     if not 2 * dt <= duration <= MOST_STEPS * dt:
         rule = f"between 2 and {MOST_STEPS:,} steps of dt = {dt:.6g} s"
         raise ValueError(f"{place} duration = {duration:.6g} s must be {rule}")
-    return scales.grid(duration, dt)
+    return TimeGrid.until(duration, dt)

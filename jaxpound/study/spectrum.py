@@ -24,7 +24,6 @@ from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.time_steps import record_grid
-from jaxpound.units import Scales
 
 _TAU_F = 2e-4  # over the period: the rod is a spring and a dashpot to four digits
 _TRIED, _LEVELS = 40, 3  # strengths between two, and how often the search narrows them
@@ -111,7 +110,7 @@ def inelastic_spectrum(
     ]
     enforce(owner, checks)
     shortest = Buildings.of(owner, (_oscillator(np.min(period), zeta),))
-    grid = record_grid(f"{owner}:", shortest, Scales(1.0, 1.0), Scheme(), [record], dt=dt)
+    grid = record_grid(f"{owner}:", shortest, Scheme(), [record], dt=dt)
     spectrum = _spectrum(record, jnp.asarray(period), level, zeta, alpha, grid, strength is None)
     return jax.tree.map(lambda y: jnp.where(all_hold(checks), y, jnp.nan), spectrum)
 

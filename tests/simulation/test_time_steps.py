@@ -129,7 +129,8 @@ def test_many_steps_because_of_a_small_relaxation_time_are_no_longer_silent():
     """The steps and what asks for them; not by default, nor where the storeys' number does."""
     low = partial(jp.ShearBuilding.from_period, 5, 3e5, 0.55, 0.05, 1)
     high = jp.ShearBuilding.from_period(8, 3e5, 1.1, 0.05, 1, 1e-3)
-    system = *jp.Buildings((high, low(1e-6))).dimensionless(), jp.Scheme(), [RECORD]
+    options = jp.Scheme(), [RECORD]
+    buildings = jp.Buildings((high, low(1e-6)))
     says = (
         r"^dt: 43,355 steps of 0\.000138 s are taken, 72 times as many as periods and record need, "
     )
@@ -137,11 +138,11 @@ def test_many_steps_because_of_a_small_relaxation_time_are_no_longer_silent():
         r"because of storey 2 of building 2, which its small tau_f = 1e-06 s makes .* a larger one"
     )
     with pytest.warns(jp.PlausibilityWarning, match=says):
-        assert record_grid("run:", *system).n_steps == 43355
-    refused(says, partial(record_grid, strict=True), "run:", *system)
-    assert record_grid("run:", *jp.Buildings((high, low())).dimensionless(), *system[2:])
+        assert record_grid("run:", buildings, *options).n_steps == 43355
+    refused(says, partial(record_grid, strict=True), "run:", buildings, *options)
+    assert record_grid("run:", jp.Buildings((high, low())), *options)
     tower = jp.Buildings((jp.ShearBuilding.from_period(50, 3e5, 5.0, 0.05, 1),))
-    assert chosen_step(*tower.dimensionless(), jp.Scheme(), 10.0) < 5.0 / 50 / 20
+    assert chosen_step(tower, jp.Scheme(), 10.0) < 5.0 / 50 / 20
 
 
 def test_the_part_that_sets_the_limit_is_a_storey_a_building_or_the_damper_of_a_link():

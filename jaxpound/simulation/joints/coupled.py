@@ -67,7 +67,7 @@ class Coupled(NamedTuple):
         product: jax.Array = matrix * y if not jnp.ndim(y) else self._map(times, matrix, y)
         return product
 
-    def _array(self, by_joint: Sequence[Any]) -> jax.Array:
+    def _array(self, by_joint: Sequence[Any]) -> Any:
         """Numbers of all joints as an array, (n,), or (groups, n) of several groups."""
         if not self.coupling.may_need_flow:
             return by_joint[0]
@@ -97,7 +97,7 @@ class Coupled(NamedTuple):
         apart = Contact(*(jnp.broadcast_to(zero, shape),) * len(Contact._fields))
         return state._replace(half=closing, contact=apart)
 
-    def along(self, y: Sequence[Any]) -> jax.Array:
+    def along(self, y: Sequence[Any]) -> Any:
         """C y: closings, velocities or accelerations of the joints from those of the masses."""
         joints = (joint for group in self.of for joint in group.joints)
         return self._array([along(joint.ends, y) for joint in joints])
