@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Hashable, Sequence
 from functools import partial
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ from jaxpound._fields import rules
 from jaxpound._xla.programs import note_long_compilations
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ground, GroundLike, require_ground
+from jaxpound.ground.motion import GroundLike, require_ground
 from jaxpound.ground.plausibility import excessive, far_apart, too_deep, unbalanced, unseen
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.ends import link_ends
@@ -47,8 +47,6 @@ from jaxpound.simulation.scheme import (
 )
 from jaxpound.simulation.state import Instant
 from jaxpound.simulation.time_steps import run_grid
-
-Case = tuple[Structures, Ground, InitialState | None]  # of a run, with its start
 
 
 def simulate(
@@ -127,18 +125,17 @@ def simulate(
     >>> [(phase.kind, round(phase.start, 2)) for phase in response.phases()[:3]]
     [('stick', 0.0), ('slip left', 0.64), ('slip right', 1.19)]
     """
-    owner, options = "simulate", (grid, scheme, duration, dt, strict, initial)
-    ground_motion, grid = _prepare(owner, structures, ground, *options)
-    balanced = not is_traced((structures, ground_motion, initial))
-    case = structures, ground_motion, initial
-    response, residual = _simulate(case, program_key(case), grid, scheme, balanced)
+    owner, case = "simulate", Case(structures, ground, initial)
+    traceable, grid = case.prepared(owner, grid, scheme, duration, dt, strict)
+    balanced = not is_traced(traceable)
+    response, residual = _simulate(traceable, program_key(traceable), grid, scheme, balanced)
     response = _finished(response)
     if balanced and not is_traced(residual):
         warn(owner, unbalanced(residual), strict)
-    if gravity_of(structures) is not None:
+    if case.gravity is not None:
         scalars = dataclasses.replace(response.demand, si=True)
         response = dataclasses.replace(response, demand=scalars, si=True)
-    _warn_of_results(owner, structures, ground, response.demand, strict)
+    case.warn_of_results(owner, response.demand, strict)
     return response
 
 
@@ -185,23 +182,23 @@ def demand(
     >>> float(demand.pounds)
     0.0
     """
-    options = grid, scheme, duration, dt, strict, initial
-    ground_motion, grid = _prepare("demand", structures, ground, *options)
+    owner, case = "demand", Case(structures, ground, initial)
+    traceable, grid = case.prepared(owner, grid, scheme, duration, dt, strict)
     if temperature is not None:
-        temperature = number("demand", "temperature", temperature)
-        if not structures.system().links:
+        temperature = number(owner, "temperature", temperature)
+        if not case.structures.system().links:
             rule = "must be of gaps: there is no link"
-            raise InvalidInput("demand", "temperature", str(temperature), rule)
-        enforce("demand", _temperature_rules(temperature))
+            raise InvalidInput(owner, "temperature", str(temperature), rule)
+        enforce(owner, _temperature_rules(temperature))
     if only is not None:
         if isinstance(only, str) or not all(isinstance(name, str) for name in only) or not only:
-            raise InvalidInput("demand", "only", repr(only), "must hold names of scalars")
+            raise InvalidInput(owner, "only", repr(only), "must hold names of scalars")
         only = tuple(only)
-    case = structures, ground_motion, initial
-    scalars = _finished(_demand(case, program_key(case), grid, scheme, temperature, only))
-    scalars = dataclasses.replace(scalars, si=gravity_of(structures) is not None)
+    options = grid, scheme, temperature, only
+    scalars = _finished(_demand(traceable, program_key(traceable), *options))
+    scalars = dataclasses.replace(scalars, si=case.gravity is not None)
     if only is None:
-        _warn_of_results("demand", structures, ground, scalars, strict)
+        case.warn_of_results(owner, scalars, strict)
     return scalars
 
 
@@ -212,35 +209,57 @@ def _temperature_rules(temperature: Any) -> list[Rule]:
     return [Rule("temperature", temperature, holds, "positive and finite")]
 
 
-def _prepare(
-    owner: str,
-    structures: Structures,
-    ground: GroundLike,
-    grid: TimeGrid | None,
-    scheme: Scheme,
-    duration: float | None,
-    dt: float | None,
-    strict: bool,
-    initial: InitialState | None,
-) -> tuple[Ground, TimeGrid]:
-    """The ground motion in a form that can be traced, and the grid; invalid input is refused."""
-    note_long_compilations()
-    system = single_system(owner, structures)
-    instance(owner, "scheme", scheme, Scheme)
-    require_ground("ground", ground)
-    grid = run_grid(owner, structures, ground, grid, scheme, duration, dt, strict)
-    require_stable(structures, scheme, grid.dt)
-    require_local_flow(system, scheme)
-    if initial is not None:
-        instance(owner, "initial", initial, InitialState)
-        enforce("initial", rules(initial))
-        enforce("initial", initial_rules(initial, system, grid.dt))
-    traceable = as_run(ground, scheme.finest(grid), gravity_of(structures))
-    if not is_traced((structures, traceable)):
-        findings = unseen(ground, grid, strict=strict) + imprecise(system, grid, traceable)
-        earlier = structures.doubts if strict and isinstance(structures, Buildings) else []
-        warn(owner, findings + earlier, strict)
-    return traceable, grid
+class Case(NamedTuple):
+    """What a run is of: structures, a ground motion, and the start unless all is at rest."""
+
+    structures: Structures
+    ground: Any  # as the user has it, or in a form that can be traced
+    initial: InitialState | None
+
+    @property
+    def gravity(self) -> Any:
+        """G of structures in SI units, m/s²; None of dimensionless ones."""
+        return gravity_of(self.structures)
+
+    def prepared(
+        self,
+        owner: str,
+        grid: TimeGrid | None,
+        scheme: Scheme,
+        duration: float | None,
+        dt: float | None,
+        strict: bool,
+    ) -> tuple[Case, TimeGrid]:
+        """The case in a form that can be traced, and its grid; invalid input is refused."""
+        note_long_compilations()
+        structures, ground, initial = self
+        system = single_system(owner, structures)
+        instance(owner, "scheme", scheme, Scheme)
+        require_ground("ground", ground)
+        grid = run_grid(owner, structures, ground, grid, scheme, duration, dt, strict)
+        require_stable(structures, scheme, grid.dt)
+        require_local_flow(system, scheme)
+        if initial is not None:
+            instance(owner, "initial", initial, InitialState)
+            enforce("initial", rules(initial))
+            enforce("initial", initial_rules(initial, system, grid.dt))
+        traceable = as_run(ground, scheme.finest(grid), self.gravity)
+        if not is_traced((structures, traceable)):
+            findings = unseen(ground, grid, strict=strict) + imprecise(system, grid, traceable)
+            earlier = structures.doubts if strict and isinstance(structures, Buildings) else []
+            warn(owner, findings + earlier, strict)
+        return self._replace(ground=traceable), grid
+
+    def warn_of_results(self, owner: str, demand: Demand, strict: bool) -> None:
+        """Warn of implausible results that are not traced, or refuse them if ``strict``."""
+        if is_traced((self.structures, demand)):
+            return
+        of_pair = hasattr(self.structures, "initial_gap")
+        single_link_names = ("initial_gap", "contact") if of_pair else None
+        si = self.gravity is not None
+        findings = excessive(self.ground, demand.pga / (self.gravity or 1.0), si=si)
+        findings += implausible_links(self.structures.system().links, demand, single_link_names)
+        warn(owner, findings, strict)
 
 
 def _run(
@@ -299,23 +318,10 @@ def _simulate(
     def at(grid: TimeGrid) -> Response:
         system, scalars, stored, *ends = _run(case, grid, scheme, None, keep=True)
         assert stored is not None
-        return response_of(system, case[1], grid, scheme, scalars, stored, *ends)
+        return response_of(system, case.ground, grid, scheme, scalars, stored, *ends)
 
     response = extrapolated_response(at(grid), at(grid.halved)) if scheme.extrapolated else at(grid)
     return response, response.energy.relative_residual if balanced else None
-
-
-def _warn_of_results(
-    owner: str, structures: Structures, ground: GroundLike, demand: Demand, strict: bool
-) -> None:
-    """Warn of implausible results of a run with concrete values, or refuse them if ``strict``."""
-    if is_traced((structures, demand)):
-        return
-    single_link_names = ("initial_gap", "contact") if hasattr(structures, "initial_gap") else None
-    gravity = gravity_of(structures)
-    findings = excessive(ground, demand.pga / (gravity or 1.0), si=gravity is not None)
-    findings += implausible_links(structures.system().links, demand, single_link_names)
-    warn(owner, findings, strict)
 
 
 def implausible_links(
