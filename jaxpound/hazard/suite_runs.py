@@ -22,7 +22,7 @@ from jaxpound._xla.batches import in_chunks, runs_at_a_time
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS
-from jaxpound.ground.plausibility import MOST_PGA, unseen
+from jaxpound.ground.plausibility import LARGE_PGA, unseen
 from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, common_gap, is_closable, without_contact
@@ -170,10 +170,10 @@ class SuiteRuns:
         findings = imprecise(structures.system(), grid, factors)
         for record in scaled:
             findings += unseen(record, grid, strict=options.strict)
-        if (peaks := suite.pgas * factors).max() > MOST_PGA:
+        if (peaks := suite.pgas * factors).max() > LARGE_PGA:
             i = int(np.argmax(peaks))
             scaled_up = f"records: {suite.names[i]!r} times {factors[i]:.4g} has a PGA of"
-            findings.append(f"{scaled_up} {peaks[i]:.4g} g; it should be at most {MOST_PGA:.0f} g")
+            findings.append(f"{scaled_up} {peaks[i]:.4g} g; it should be at most {LARGE_PGA:.0f} g")
         warn(owner, findings, options.strict)
         require_memory(owner, "records", len(suite), len(suite) * grid.n_steps * 16)
         # Padded with zeros: the ground is at rest after a record.

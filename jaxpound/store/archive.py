@@ -178,7 +178,9 @@ class Archive:
             array = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
             if array.dtype != np.dtype(dtype) or array.shape != shape:
                 expected = f"{np.dtype(dtype)} of shape {shape}"
-                raise DamagedError(f"{name!r} is {array.dtype} of shape {array.shape}, not {expected}")
+                raise DamagedError(
+                    f"{name!r} is {array.dtype} of shape {array.shape}, not {expected}"
+                )
             return array
 
     def _member(self, name: str) -> bytes:
