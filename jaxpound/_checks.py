@@ -11,7 +11,7 @@ import difflib
 import os
 import re
 import reprlib
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from decimal import Decimal
 from pathlib import Path
 from types import NoneType
@@ -249,6 +249,14 @@ def instead(value: Any, types: str) -> str:
         return ""
     parts = "; its field buildings has each building" if hasattr(first, "buildings") else ""
     return f"; simulate and demand take structures{parts}"
+
+
+def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:
+    """A sequence as a tuple; an ``InvalidInput`` for anything else."""
+    if not isinstance(value, Sequence | np.ndarray | jax.Array) or isinstance(value, str):
+        rule = f"must be a tuple{instead(value, 'tuple')}"
+        raise InvalidInput(owner, name, reprlib.repr(value), rule)
+    return tuple(value)
 
 
 def pytree(owner: str, name: str, value: Any) -> None:

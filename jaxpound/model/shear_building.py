@@ -69,7 +69,7 @@ class ShearBuilding:
 
     def __post_init__(self) -> None:
         owner, heights = "ShearBuilding", cast("Any", self.heights)
-        object.__setattr__(self, "storeys", as_tuple(owner, "storeys", self.storeys))
+        check(self)
         if not (n := len(self.storeys)):
             raise InvalidInput(owner, "storeys", "()", "must hold at least one storey")
         require_tuned(owner, self.n_tuned, n)
@@ -77,7 +77,6 @@ class ShearBuilding:
         if len(heights) != n:
             name = f"heights, {len(heights)} of them,"
             raise InvalidInput(owner, name, "", f"must be {n}, as storeys")
-        check(self)
         for i, height in enumerate(heights):
             name = f"heights.{i}"
             if is_traced(positive_number(owner, **{name: height})):

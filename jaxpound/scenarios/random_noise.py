@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound import _checks
-from jaxpound._checks import Rule, enforce, positive_number
+from jaxpound._checks import Rule, enforce
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, parameter, part
 from jaxpound.ground.evolving import evolving_noise, high_passed, modulation
@@ -87,8 +87,8 @@ class FilteredNoise(Checked, GroundDraw):
     envelope: Callable[[Any], Any] | None = None
     intensity: Any = 1.0
     time_unit: str = DIMENSIONLESS
-    spectral_density: Any = None
-    high_pass: float | None = None
+    spectral_density: Any = parameter(above=0, single=True, optional=True, default=None)
+    high_pass: float | None = parameter(above=0, single=True, optional=True, default=None)
 
     def __post_init__(self) -> None:
         owner, envelope = "FilteredNoise", self.envelope
@@ -100,8 +100,6 @@ class FilteredNoise(Checked, GroundDraw):
             _checks.not_negative(owner, intensity=value)
             object.__setattr__(self, "intensity", value)
         object.__setattr__(self, "time_unit", time_unit_of(owner, self.time_unit))
-        if self.spectral_density is not None:
-            positive_number(owner, spectral_density=self.spectral_density)
         super().__post_init__()
 
     @property
@@ -170,16 +168,15 @@ class NonstationaryNoise(Checked, GroundDraw):
     mid_time: Any = parameter(r"t_{mid}", words="mid-time", above=0, single=True)
     frequency: Any = parameter(r"\omega_{mid}", words="frequency", above=0, single=True)
     frequency_slope: Any = parameter(r"\omega'", words="rate of frequency", single=True)
-    damping: Any = parameter(r"\zeta_f", words="damping ratio", above=0, most=1, single=True)
+    damping: Any = parameter(r"\zeta_f", words="damping ratio", above=0, below=1, single=True)
     samples: int = part(int)
     dt: float = parameter(above=0, single=True)
-    high_pass: float | None = 0.1
+    high_pass: float | None = parameter(above=0, single=True, optional=True, default=0.1)
     time_unit = SECONDS
 
     def __post_init__(self) -> None:
         check_sampling(self)
         super().__post_init__()
-        enforce("NonstationaryNoise", [Rule("damping", self.damping, self.damping < 1, "below 1")])
 
     @property
     def dimension(self) -> int:
@@ -215,10 +212,8 @@ def reals(owner: str, z: Any, dimension: int) -> Array:
 
 
 def check_sampling(noise: Any) -> None:
-    """Make the number of samples of a noise an integer, and check it and ``high_pass``."""
+    """Make the number of samples of a noise an integer, and check it."""
     owner, n = type(noise).__name__, _checks.count(type(noise).__name__, "samples", noise.samples)
     enforce(owner, [Rule("samples", n, n >= 2, "at least 2")])
     _checks.require_memory(owner, "samples", n, n * NUMBER_BYTES)
     object.__setattr__(noise, "samples", n)
-    if noise.high_pass is not None:
-        positive_number(owner, high_pass=noise.high_pass)

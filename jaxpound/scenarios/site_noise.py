@@ -24,7 +24,7 @@ from scipy import special
 
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
-from jaxpound._fields import Checked, parameter, part
+from jaxpound._fields import Checked, like, parameter, part
 from jaxpound.ground.evolving import ChebyshevFit
 from jaxpound.ground.motion import SECONDS
 from jaxpound.ground.record import Record
@@ -98,7 +98,7 @@ class SiteBasedNoise(Checked, GroundDraw):
     fault: str = part(str)
     samples: int = part(int)
     dt: float = parameter(above=0, single=True)
-    high_pass: float | None = 0.1
+    high_pass: float | None = like(NonstationaryNoise, "high_pass", default=0.1)
     time_unit = SECONDS
 
     def __post_init__(self) -> None:

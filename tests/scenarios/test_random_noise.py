@@ -246,7 +246,7 @@ test_bad_values_are_named = refusals(
     (with_(SMALL, high_pass=0.0), "high_pass = 0 must be positive and"),
     (with_(SMALL, spectral_density=-1.0), "spectral_density = -1 must be positive and finite"),
     (with_(SMALL, time_unit="h"), "time_unit = 'h' must be 's' or"),
-    (with_(GIVEN, damping=1.0), "damping = 1 must be below 1"),
+    (with_(GIVEN, damping=1.0), r"damping = 1 must be in \(0, 1\)"),
     (with_(GIVEN, high_pass=0.0), "high_pass = 0 must be positive"),
     (with_(SITE, fault="normal"), "fault = 'normal' must be 'strike"),
     (with_(SITE, distance=-1.0), "distance = -1 must be positive"),
