@@ -104,6 +104,21 @@ def real(owner: str, name: str, value: Any) -> Any:
     return array[()] if isinstance(value, np.generic) else array
 
 
+def array(owner: str, name: str, value: Any, *shapes: tuple[int, ...]) -> np.ndarray:
+    """Known real numbers as an array of one of some shapes, in which −1 is any length from 1 on."""
+    x = np.asarray(real(owner, name, value), float)
+
+    def fits(shape: tuple[int, ...]) -> bool:
+        sizes = zip(shape, x.shape, strict=True)
+        return len(shape) == x.ndim and all(m == n or m < 0 < n for m, n in sizes)
+
+    if not any(map(fits, shapes)):
+        listed = " or ".join(str(shape or "one number") for shape in shapes)
+        rule = listed.replace("-1,)", "n,) with n ≥ 1")
+        raise InvalidInput(owner, name, "", f"of shape {x.shape} must be {rule}")
+    return x
+
+
 def number(owner: str, name: str, value: Any) -> Any:
     """``real`` of a single number; an ``InvalidInput`` for an array."""
     if jnp.ndim(value := real(owner, name, value)):

@@ -133,10 +133,8 @@ class RecordSuite(Shown):
     def scaled(self, factors: ArrayLike) -> RecordSuite:
         """Each record times its factor > 0, shape (n,), or times one number."""
         owner = "RecordSuite.scaled"
+        factors = _checks.array(owner, "factors", factors, (), (len(self),))
         (valid,) = positive(owner, factors=factors)
-        if np.shape(valid) not in ((), (len(self),)):
-            name = f"factors of shape {np.shape(valid)}"
-            raise InvalidInput(owner, name, "", f"must be ({len(self)},)")
         each = zip(self.records, np.broadcast_to(valid, len(self)), strict=True)
         return RecordSuite(tuple(x._with(x.samples * k) for x, k in each), self.stations)
 
