@@ -7,8 +7,8 @@ from typing import Any, Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.signal import fftconvolve
 from jaxtyping import Array, ArrayLike, Float
-from scipy.fft import next_fast_len
 
 from jaxpound._checks import Rule
 from jaxpound._extrema import larger, smaller
@@ -174,10 +174,7 @@ def turned(angle: Any) -> Any:
 
 def causal(kernel: Any, x: Float[Array, " n"]) -> Float[Array, " n"]:
     """Σ_{k ≤ j} kernel_{j−k} x_k, shape (n,), in O(n log n) by Fourier transforms."""
-    n = x.shape[-1]
-    size = next_fast_len(2 * n, real=True)
-    product = jnp.fft.rfft(kernel, size) * jnp.fft.rfft(x, size)
-    return jnp.fft.irfft(product, size)[:n].astype(x.dtype)
+    return fftconvolve(kernel, x)[: x.shape[-1]].astype(x.dtype)
 
 
 def filtered(

@@ -262,6 +262,8 @@ def sensitivity(indices: Sensitivity, ax: Axes | None = None) -> Axes:
 
 def _weights(study: Study, column: str) -> np.ndarray:
     """Weights of the finite numbers of a column, 1 without weights."""
+    if study.weighting is None:
+        return np.ones(study.finite(column).size)
     return study.weights[np.isfinite(study[column])]
 
 
