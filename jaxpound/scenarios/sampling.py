@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import is_whole, seed
+from jaxpound._checks import is_whole, require_one_of, seed
 from jaxpound._errors import InvalidInput
 
 Points = Callable[[int, int], np.ndarray]  # points start to stop − 1, shape (stop − start, d)
@@ -26,8 +26,7 @@ SAMPLINGS = {"plain": 2**31, "sobol": 2**30}  # kinds of points, and the largest
 
 def require_sampling(owner: str, sampling: Any) -> int:
     """Largest number of points; an ``InvalidInput`` for an unknown kind of sampling."""
-    if sampling not in SAMPLINGS:
-        raise InvalidInput(owner, "sampling", repr(sampling), "must be 'plain' or 'sobol'")
+    require_one_of(owner, sampling, [*SAMPLINGS], "sampling")
     return SAMPLINGS[sampling]
 
 
