@@ -44,7 +44,7 @@ test_wrong_arguments_are_named = refusals(
     (
         spectra,
         {"a": DIMENSIONLESS, "b": RECORD},
-        "= .* must be in the same unit of time as",
+        r"records\['b'\] = .* in the same unit of time as",
     ),
     (spectra, {}, "must hold at least one record"),
     (spectra, RECORD, "records = .* must be of type"),
