@@ -91,14 +91,14 @@ class Parameter:
 
     def _bounds(self, low: Any) -> str:
         """Completes 'must be'."""
+        relation = "at least" if self.above is None else "above"
         if self.most is not None:
             inside = f"in ({low:g}, {self.most:g}]"
             return f"between {low:g} and {self.most:g}" if self.above is None else inside
         if self.below is not None:
-            return f"in {'[' if self.above is None else '('}{low:g}, {self.below:g})"
+            return f"{relation} {low:g} and below {self.below:g}"
         words = ["finite"] if self.finite else []
         if isinstance(self.low, str):
-            relation = "at least" if self.above is None else "above"
             is_number = not is_traced(low) and jnp.ndim(low) == 0
             words.append(f"{relation} {self.low}" + (f" = {float(low):.8g}" if is_number else ""))
         elif self.above is not None:
