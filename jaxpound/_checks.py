@@ -11,7 +11,7 @@ import difflib
 import os
 import re
 import reprlib
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from decimal import Decimal
 from pathlib import Path
 from types import NoneType
@@ -102,6 +102,21 @@ def real(owner: str, name: str, value: Any) -> Any:
     if array.dtype not in (np.float16, np.float32, np.float64):
         array = array.astype(np.float64)
     return array[()] if isinstance(value, np.generic) else array
+
+
+def array(owner: str, name: str, value: Any, *shapes: tuple[int, ...]) -> np.ndarray:
+    """Known real numbers as an array of one of some shapes, in which −1 is any length from 1 on."""
+    x = np.asarray(real(owner, name, value), float)
+
+    def fits(shape: tuple[int, ...]) -> bool:
+        sizes = zip(shape, x.shape, strict=True)
+        return len(shape) == x.ndim and all(m == n or m < 0 < n for m, n in sizes)
+
+    if not any(map(fits, shapes)):
+        listed = " or ".join(str(shape or "one number") for shape in shapes)
+        rule = listed.replace("-1,)", "n,) with n ≥ 1")
+        raise InvalidInput(owner, name, "", f"of shape {x.shape} must be {rule}")
+    return x
 
 
 def number(owner: str, name: str, value: Any) -> Any:
@@ -249,6 +264,14 @@ def instead(value: Any, types: str) -> str:
         return ""
     parts = "; its field buildings has each building" if hasattr(first, "buildings") else ""
     return f"; simulate and demand take structures{parts}"
+
+
+def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:
+    """A sequence as a tuple; an ``InvalidInput`` for anything else."""
+    if not isinstance(value, Sequence | np.ndarray | jax.Array) or isinstance(value, str):
+        rule = f"must be a tuple{instead(value, 'tuple')}"
+        raise InvalidInput(owner, name, reprlib.repr(value), rule)
+    return tuple(value)
 
 
 def pytree(owner: str, name: str, value: Any) -> None:

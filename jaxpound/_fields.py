@@ -15,7 +15,18 @@ import jax.numpy as jnp
 from jax.tree_util import GetAttrKey, register_pytree_with_keys, tree_structure
 
 from jaxpound import _checks
-from jaxpound._checks import Range, Rule, enforce, finite, instance, is_traced, number, pytree, real
+from jaxpound._checks import (
+    Range,
+    Rule,
+    as_tuple,
+    enforce,
+    finite,
+    instance,
+    is_traced,
+    number,
+    pytree,
+    real,
+)
 from jaxpound._tables import dataclass_repr
 
 T = TypeVar("T")
@@ -28,9 +39,10 @@ class Parameter:
     """Metadata of a parameter: admissible values, kind of quantity, symbol and name.
 
     Its lower bound is ``above`` (exclusive) or ``least`` (inclusive): 0, or the name of an earlier
-    field of the object; its upper bound is ``most``; ``why``, a reason, ends the error message.
-    ``single`` refuses arrays. ``usual`` is its usual range, that of a slider, ``within`` its range
-    in SI, of buildings of every size (``ranges``).
+    field of the object; its upper bound is ``most`` (inclusive) or ``below`` (exclusive); ``why``,
+    a reason, ends the error message. ``single`` refuses arrays; ``optional`` admits None, of which
+    nothing is asked. ``usual`` is its usual range, that of a slider, ``within`` its range in SI, of
+    buildings of every size (``ranges``).
     """
 
     symbol: str = ""
@@ -39,9 +51,11 @@ class Parameter:
     above: float | str | None = None
     least: float | str | None = None
     most: float | None = None
+    below: float | None = None
     finite: bool = True
     why: str = ""
     single: bool = False
+    optional: bool = False
     usual: tuple[float, float] | None = None
     within: Range | None = None
 
@@ -69,18 +83,22 @@ class Parameter:
             holds = value >= low if self.above is None else value > low
         if self.most is not None:
             holds = holds & (value <= self.most)
+        elif self.below is not None:
+            holds = holds & (value < self.below)
         elif self.finite and low is not None:
             holds = holds & (value < float("inf"))
         return Rule(name, value, holds, self._bounds(low) + (f" ({self.why})" if self.why else ""))
 
     def _bounds(self, low: Any) -> str:
         """Completes 'must be'."""
+        relation = "at least" if self.above is None else "above"
         if self.most is not None:
             inside = f"in ({low:g}, {self.most:g}]"
             return f"between {low:g} and {self.most:g}" if self.above is None else inside
+        if self.below is not None:
+            return f"{relation} {low:g} and below {self.below:g}"
         words = ["finite"] if self.finite else []
         if isinstance(self.low, str):
-            relation = "at least" if self.above is None else "above"
             is_number = not is_traced(low) and jnp.ndim(low) == 0
             words.append(f"{relation} {self.low}" + (f" = {float(low):.8g}" if is_number else ""))
         elif self.above is not None:
@@ -159,7 +177,7 @@ def part(*kinds: type, each: bool = False, traced: bool = False, **kwargs: Any) 
     """A field that holds an object of one of the kinds, or without kinds a pytree of objects.
 
     A kind may be a protocol; ``NoneType`` makes the part optional. ``each`` makes it a tuple of
-    such objects. ``traced`` refuses user-defined objects that are no pytrees.
+    such objects, or of a list of them. ``traced`` refuses user-defined objects that are no pytrees.
     """
     metadata = {_ROLE: "part", "kinds": kinds, "each": each, "traced": traced}
     return dataclasses.field(metadata=metadata, **kwargs)
@@ -242,10 +260,14 @@ def check(obj: Any) -> None:
     owner = type(obj).__name__
     for field in dataclasses.fields(obj):
         spec, value = field.metadata.get(_SPEC), getattr(obj, field.name)
+        if each := field.metadata.get("each"):
+            value = as_tuple(owner, field.name, value)
+            object.__setattr__(obj, field.name, value)
         if isinstance(spec, Parameter):
             as_number = number if spec.single else real
             numbers = tuple(as_number(owner, *entry) for entry in _entries(field, value))
-            object.__setattr__(obj, field.name, numbers if field.metadata["each"] else numbers[0])
+            if each or numbers:
+                object.__setattr__(obj, field.name, numbers if each else numbers[0])
         elif kinds := field.metadata.get("kinds"):
             for name, item in _entries(field, value):
                 instance(owner, name, item, *kinds)
@@ -261,6 +283,14 @@ class Batch:
         check(self)
         numbers = {name: value for name, _, value in walk(self, Parameter)}
         _checks.require_batch(type(self).__name__, **numbers)
+
+
+class BatchInSI(Batch):
+    """A ``Batch`` in SI units, whose parameters are in their ranges."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        enforce(type(self).__name__, ranges(self))
 
 
 def ranges(tree: Any, prefix: str = "") -> list[Rule]:
@@ -342,7 +372,12 @@ def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
 
 
 def _entries(field: dataclasses.Field[Any], value: Any) -> list[tuple[str, Any]]:
-    """The value of a field by its name, or each entry of a tuple by ``name.index``."""
+    """The value of a field by its name, or each entry of a tuple by ``name.index``.
+
+    An optional parameter that is None has none.
+    """
+    if value is None and getattr(field.metadata.get(_SPEC), "optional", False):
+        return []
     if not field.metadata.get("each"):
         return [(field.name, value)]
     entries = [("*", None)] if value is None else enumerate(value)

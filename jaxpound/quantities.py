@@ -5,7 +5,7 @@ from __future__ import annotations
 STANDARD_GRAVITY = 9.80665
 """Standard gravity, m/s²."""
 
-MOST_PGA = 20.0  # largest of a record, g: several times the largest ever recorded
+MOST_PGA = 20.0  # that a file may hold, g: several times the largest ever recorded
 
 _UNITS = {  # of each kind of quantity
     "time": ("s", "1/ω1"),

@@ -28,6 +28,7 @@ import numpy as np
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float
 from numpy.polynomial import Chebyshev
+from numpy.polynomial.chebyshev import chebval
 from scipy.fft import next_fast_len
 from scipy.special import gammaincinv
 
@@ -151,10 +152,7 @@ class ChebyshevFit:
     def __call__(self, x: Any) -> Any:
         """The function at x, which must be in the interval, of the shape of ``x``."""
         u = (2 * jnp.asarray(x) - (self.high + self.low)) / (self.high - self.low)
-        after, last = jnp.zeros_like(u), jnp.zeros_like(u)
-        for c in self.fit.coef[:0:-1]:  # Clenshaw's recursion
-            after, last = 2 * u * after - last + float(c), after
-        return u * after - last + float(self.fit.coef[0])
+        return chebval(u, self.fit.coef).astype(u.dtype)
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
@@ -290,11 +290,8 @@ class Sum(_Combination):
             raise InvalidInput("Sum", "grounds", "()", "must hold at least one ground motion")
         for i, ground in enumerate(self.grounds):
             require_ground(f"Sum: grounds[{i}]", ground)
-        records = list(records_in(self))
-        for record in records:
-            if record.time_unit != records[0].time_unit:
-                rule = f"must be in the same unit of time as {records[0]!r}"
-                raise InvalidInput("Sum: grounds", repr(record), "", rule)
+        records = enumerate(records_in(self), 1)
+        require_one_time_unit("Sum", {f"grounds, record {i}": x for i, x in records})
 
     def energy(self, since: float) -> float | None:
         """Sum over the parts, as if they were independent."""
@@ -346,6 +343,14 @@ def mean_acceleration(velocity: Callable[[Any], Any], t: Any, h: float) -> Any:
     is_first = jnp.asarray(t) <= 0
     begin = jnp.where(is_first, t, t - h / 2)
     return (velocity(t + h / 2) - velocity(begin)) / jnp.where(is_first, h / 2, h)
+
+
+def require_one_time_unit(owner: str, records: Mapping[str, GroundMotion]) -> None:
+    """An ``InvalidInput`` for records, by name, of which one is in another unit than the first."""
+    for name, record in records.items():
+        if record.time_unit != (first := next(iter(records.values()))).time_unit:
+            rule = f"must be in the same unit of time as {first!r}"
+            raise InvalidInput(owner, name, repr(record), rule)
 
 
 def records_in(ground: GroundLike) -> Iterator[GroundMotion]:

@@ -22,7 +22,7 @@ from jaxpound.ground.motion import Ground, GroundLike, as_motion, records_in
 from jaxpound.ground.run_input import sampled
 from jaxpound.quantities import STANDARD_GRAVITY
 
-MOST_PGA = 5.0  # peak ground acceleration, g: the largest recorded are about 4
+LARGE_PGA = 5.0  # peak ground acceleration, g: the largest recorded are about 4
 MOST_STATED = 2.0  # g, of a motion that is no record as it was measured: hazard maps end there
 MOST_UNSTATED = 1.5  # g, of a record of unstated unit: few records in g exceed it, many in m/s² do
 ISOLATED = 4.0  # height of a spike over the steps around it: at most 2.0 in 20 recorded motions
@@ -133,7 +133,7 @@ def excessive(ground: GroundLike, pga: Any, name: str = "ground", *, si: bool) -
     """A finding if a ground motion in SI, or in g as a record is, exceeds the plausible PGA, g."""
     if is_traced(pga) or jnp.ndim(pga) or not (si or any(records_in(ground))):
         return []
-    most = MOST_STATED if si and not getattr(as_motion(ground), "measured", False) else MOST_PGA
+    most = MOST_STATED if si and not getattr(as_motion(ground), "measured", False) else LARGE_PGA
     return [_beyond(f"{name}: PGA = {float(pga):.4g} g", most)] if float(pga) > most else []
 
 
@@ -198,7 +198,7 @@ def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
             findings.append(f"ground: {_share(len(examples), n)} {problem}; of one, {examples[0]}")
     if in_g or any(records_in(grounds)):
         pgas = np.asarray(_pgas(grounds, grid))
-        if (beyond := int((pgas > MOST_PGA).sum())) > LEAST_SHARE * n:
+        if (beyond := int((pgas > LARGE_PGA).sum())) > LEAST_SHARE * n:
             subject = f"ground: PGA of {_share(beyond, n)}, up to {np.nanmax(pgas):.4g} g,"
             findings.append(_beyond(subject))
     return findings
@@ -213,5 +213,5 @@ def _share(count: int, n: int) -> str:
     return f"{count / n:.0%} of the {n} earthquakes looked at"
 
 
-def _beyond(subject: str, most: float = MOST_PGA) -> str:
+def _beyond(subject: str, most: float = LARGE_PGA) -> str:
     return f"{subject} should be at most {most:.0f} g: are the units right?"

@@ -21,7 +21,7 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.formats.text import OtherKindError
 from jaxpound.ground.intensity import spectra
 from jaxpound.ground.reader import read_components
-from jaxpound.ground.record import Record
+from jaxpound.ground.record import Record, require_records
 from jaxpound.ground.stations import pairs_of
 from jaxpound.ground.target import SCALED_TO, FactorBounds, PeriodRange, ScaledSuite, TargetSpectrum
 
@@ -58,19 +58,13 @@ class RecordSuite(Shown):
 
     def __post_init__(self) -> None:
         owner, members = "RecordSuite", self.records
-        if not isinstance(members, Sequence) or not members:
-            rule = "must hold at least one record, in a list"
-            raise InvalidInput(owner, "records", reprlib.repr(members), rule)
+        require_records(owner, members, Sequence)
         for i, record in enumerate(members):
             name = f"records[{i}]"
-            instance(owner, name, record, Record)
             if is_traced(record) or np.ndim(record.samples) != 1:
                 raise InvalidInput(owner, name, repr(record), "must be known, and one alone")
             if not np.any(record.samples):
                 raise InvalidInput(owner, name, repr(record), "must move: all are zero")
-            if record.time_unit != members[0].time_unit:
-                rule = f"must be in the same unit of time as {members[0]!r}"
-                raise InvalidInput(owner, repr(record), "", rule)
         records = tuple(
             record if record.name else record._with(record.samples, name=f"record {i}")
             for i, record in enumerate(members, 1)
@@ -139,10 +133,8 @@ class RecordSuite(Shown):
     def scaled(self, factors: ArrayLike) -> RecordSuite:
         """Each record times its factor > 0, shape (n,), or times one number."""
         owner = "RecordSuite.scaled"
+        factors = _checks.array(owner, "factors", factors, (), (len(self),))
         (valid,) = positive(owner, factors=factors)
-        if np.shape(valid) not in ((), (len(self),)):
-            name = f"factors of shape {np.shape(valid)}"
-            raise InvalidInput(owner, name, "", f"must be ({len(self)},)")
         each = zip(self.records, np.broadcast_to(valid, len(self)), strict=True)
         return RecordSuite(tuple(x._with(x.samples * k) for x, k in each), self.stations)
 

@@ -12,6 +12,7 @@ from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, number, positive, positive_number, real, require_one_of
 from jaxpound._errors import InvalidInput
+from jaxpound._fields import check, parameter, part
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.intensity import damping_rule
 
@@ -119,28 +120,22 @@ class TargetSpectrum(Shown):
     [0.7, 1.0, 0.5]
     """
 
-    periods: Any
-    accelerations: Any
-    damping: float = 0.05
-    name: str = ""
+    periods: Any = parameter(least=0)
+    accelerations: Any = parameter(above=0)
+    damping: float = parameter(least=0, below=1, single=True, default=0.05)
+    name: str = part(str, default="")
 
     def __post_init__(self) -> None:
-        owner = "TargetSpectrum"
-        periods = np.asarray(real(owner, "periods", self.periods), float)
-        accelerations = np.asarray(real(owner, "accelerations", self.accelerations), float)
+        check(self)
+        owner, arrays = "TargetSpectrum", (self.periods, self.accelerations)
+        periods, accelerations = (np.asarray(x, float) for x in arrays)
         if periods.ndim != 1 or periods.size < 2 or accelerations.shape != periods.shape:
             shapes = f"periods {periods.shape} and accelerations {accelerations.shape}"
             raise InvalidInput(owner, shapes, "", "must be of one shape, (m,) with m ≥ 2")
-        damping = float(number(owner, "damping", self.damping))
-        positive(owner, accelerations=accelerations)
-        rises = np.append(True, np.diff(periods) > 0) & (periods >= 0) & np.isfinite(periods)
-        rising = Rule("periods", periods, rises, "finite, not negative and rising")
-        enforce(owner, [rising, damping_rule(damping)])
-        if not isinstance(self.name, str):
-            raise InvalidInput(owner, "name", repr(self.name), "must be a string")
+        enforce(owner, [Rule("periods", periods, np.diff(periods, prepend=-1.0) > 0, "rising")])
         object.__setattr__(self, "periods", periods)
         object.__setattr__(self, "accelerations", accelerations)
-        object.__setattr__(self, "damping", damping)
+        object.__setattr__(self, "damping", float(self.damping))
 
     @classmethod
     def en_1998(

@@ -13,7 +13,7 @@ from jaxtyping import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import ndtri
 
-from jaxpound._checks import Rule, count, enforce, hint, positive_number, real
+from jaxpound._checks import Rule, array, count, enforce, hint, positive_number
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.hazard.points import CurvePoints
@@ -124,9 +124,8 @@ class AnnualRate(Shown):
         if not self.value > 0:
             raise InvalidInput(_OWNER, f"the rate, {self.value:g} a year,", "", "must be positive")
         source = self._source(intensity)
-        ends = source.edges(n) if edges is None else np.asarray(real(_OWNER, "edges", edges), float)
-        if ends.ndim != 1 or ends.size < 2:
-            raise InvalidInput(_OWNER, "edges", "", f"of shape {ends.shape} must be (n,), n ≥ 2")
+        ends = source.edges(n) if edges is None else array(_OWNER, "edges", edges, (-1,))
+        enforce(_OWNER, [Rule("number of edges", ends.size, ends.size > 1, "2 or more")])
         rises = np.r_[ends[0] >= 0, np.diff(ends) > 0]
         enforce(_OWNER, [Rule("edges", ends, rises, "at least 0 and larger than the one before")])
         rate, cov = source.per_band(ends)
@@ -349,10 +348,7 @@ def _named(intensity: Any, values: Any, names: Sequence[str], n: int) -> tuple[s
             rule = f"unknown intensity = {intensity!r}; {hint(intensity, names)}"
             raise InvalidInput(_OWNER, "", "", rule)
         return intensity, np.asarray(values[intensity], float)
-    x = np.asarray(real(_OWNER, "intensity", intensity), float)
-    if x.shape != (n,):
-        raise InvalidInput(_OWNER, "intensity", "", f"of shape {x.shape} must be ({n},)")
-    return "intensity", x
+    return "intensity", array(_OWNER, "intensity", intensity, (n,))
 
 
 def gap_of_rate(

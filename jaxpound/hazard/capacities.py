@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 from scipy.special import log_ndtr
 
-from jaxpound._checks import Rule, enforce, real
+from jaxpound._checks import Rule, array, enforce
 from jaxpound._errors import InvalidInput
 from jaxpound.study.fragility import Fragility, maximum
 
@@ -46,16 +46,12 @@ def fit_capacities(
     (0.313, 0.402)
     """
     owner = "fit_capacities"
-    im = np.asarray(real(owner, "capacities", capacities), float)
-    if im.ndim != 1 or not im.size:
-        raise InvalidInput(owner, "capacities", "", f"of shape {im.shape} must be (n,) with n ≥ 1")
+    im = array(owner, "capacities", capacities, (-1,))
     enforce(owner, [Rule("capacities", im, im > 0, "positive")])
     reached = np.isfinite(im)
     if not reached.all() and analysed is None:
         raise InvalidInput(owner, "analysed", "None", "must be given where a capacity is infinite")
-    limits = np.asarray(np.inf if analysed is None else real(owner, "analysed", analysed), float)
-    if limits.shape not in ((), im.shape):
-        raise InvalidInput(owner, "analysed", "", f"of shape {limits.shape} must be {im.shape}")
+    limits = array(owner, "analysed", np.inf if analysed is None else analysed, (), im.shape)
     limits = np.broadcast_to(limits, im.shape)
     rule = "positive, and finite where a capacity is not"
     enforce(owner, [Rule("analysed", limits, (limits > 0) & (reached | np.isfinite(limits)), rule)])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import Rule, enforce, positive, positive_number
+from jaxpound._checks import Rule, array, enforce, positive, positive_number
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
@@ -151,9 +151,7 @@ def fit_cloud(
         raise InvalidInput(owner, f"intensity {im.shape} and demand {y.shape}", "", "must be (n,)")
     bound = np.full(im.shape, np.inf)
     if limit is not None:
-        (limit,) = positive(owner, limit=limit)
-        if np.shape(limit) not in ((), im.shape):
-            raise InvalidInput(owner, "limit", "", f"of shape {np.shape(limit)} must be {im.shape}")
+        (limit,) = positive(owner, limit=array(owner, "limit", limit, (), im.shape))
         bound = np.broadcast_to(limit, im.shape)
     censored = y >= bound
     if (~censored).sum() < 3 or np.ptp(im[~censored]) == 0:

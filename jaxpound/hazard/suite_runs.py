@@ -16,13 +16,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from tqdm.auto import tqdm
 
-from jaxpound._checks import Rule, enforce, instance, number, positive, require_memory
+from jaxpound._checks import Rule, array, enforce, instance, number, positive, require_memory
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._xla.batches import in_chunks, runs_at_a_time
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS
-from jaxpound.ground.plausibility import MOST_PGA, unseen
+from jaxpound.ground.plausibility import LARGE_PGA, unseen
 from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, common_gap, is_closable, without_contact
@@ -101,24 +101,19 @@ class Intensity(NamedTuple):
                 rule = "must be 'pga', a natural period or a number for each record"
                 raise InvalidInput(owner, "measure", repr(measure), rule)
             return cls("PGA (g)", suite.pgas)
-        (measure,) = positive(owner, measure=measure)
+        measure = array(owner, "measure", measure, (), (len(suite),))
+        positive(owner, measure=measure)
         if np.ndim(measure) == 0:
             period = float(measure)
             words = str(Measure.spectral_acceleration(period, suite.time_unit))
             return cls(words, suite.spectra(np.array([period]))[:, 0])
-        if np.shape(measure) != (len(suite),):
-            rule = f"of shape {np.shape(measure)} must be a number for each of {len(suite)} records"
-            raise InvalidInput(owner, "measure", "", rule)
-        return cls("intensity", np.asarray(measure, float))
+        return cls("intensity", measure)
 
 
 def rising_intensities(owner: str, intensities: Any) -> Float[np.ndarray, " k"]:
     """Rising intensities > 0 as an array; an ``InvalidInput`` for anything else."""
-    (levels,) = positive(owner, intensities=intensities)
-    levels = np.asarray(levels, float)
-    if levels.ndim != 1 or not levels.size:
-        rule = f"of shape {levels.shape} must be (k,) with k ≥ 1"
-        raise InvalidInput(owner, "intensities", "", rule)
+    levels = array(owner, "intensities", intensities, (-1,))
+    positive(owner, intensities=levels)
     enforce(owner, [Rule("intensities", levels, np.append(True, np.diff(levels) > 0), "rising")])
     return levels
 
@@ -170,10 +165,10 @@ class SuiteRuns:
         findings = imprecise(structures.system(), grid, factors)
         for record in scaled:
             findings += unseen(record, grid, strict=options.strict)
-        if (peaks := suite.pgas * factors).max() > MOST_PGA:
+        if (peaks := suite.pgas * factors).max() > LARGE_PGA:
             i = int(np.argmax(peaks))
             scaled_up = f"records: {suite.names[i]!r} times {factors[i]:.4g} has a PGA of"
-            findings.append(f"{scaled_up} {peaks[i]:.4g} g; it should be at most {MOST_PGA:.0f} g")
+            findings.append(f"{scaled_up} {peaks[i]:.4g} g; it should be at most {LARGE_PGA:.0f} g")
         warn(owner, findings, options.strict)
         require_memory(owner, "records", len(suite), len(suite) * grid.n_steps * 16)
         # Padded with zeros: the ground is at rest after a record.

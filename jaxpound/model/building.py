@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Range, Rule, enforce, is_traced, not_negative, positive, require_batch
-from jaxpound._fields import check, like, parameter, part, pytree_dataclass, ranges, unchecked
+from jaxpound._fields import BatchInSI, like, parameter, part, pytree_dataclass, unchecked
 from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener, before_yield, material_in
 from jaxpound.model.rod import ZenerRod
 
@@ -24,7 +24,7 @@ _RELAXATION = Range(1e-12, 1e6, "s^order", "a relaxation time to the power of th
 
 
 @pytree_dataclass
-class Building:
+class Building(BatchInSI):
     """A building as one block on one fractional Zener rod, in SI units.
 
     Parameters
@@ -56,12 +56,6 @@ class Building:
     tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION)
     tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION)
     hysteresis: Any = part(HysteresisLaw, NoneType, traced=True, default=None)
-
-    def __post_init__(self) -> None:
-        check(self)
-        enforce("Building", ranges(self))
-        numbers = vars(self).items()
-        require_batch("Building", **{name: x for name, x in numbers if name != "hysteresis"})
 
     @classmethod
     def from_period(

@@ -6,10 +6,10 @@ from typing import Any
 
 from jaxpound._checks import Rule
 from jaxpound._errors import InvalidInput
-from jaxpound._fields import check, parameter, pytree_dataclass
+from jaxpound._fields import parameter, pytree_dataclass
 from jaxpound.model.ends import along, link_ends
 from jaxpound.model.places import link_places
-from jaxpound.model.system import System, as_tuple
+from jaxpound.model.system import System
 
 
 @pytree_dataclass
@@ -47,11 +47,6 @@ class InitialState:
     velocities: tuple[Any, ...] = parameter(
         "v_0", "velocity", "initial velocity", each=True, default=()
     )
-
-    def __post_init__(self) -> None:
-        for name in ("displacements", "velocities"):
-            object.__setattr__(self, name, as_tuple("InitialState", name, getattr(self, name)))
-        check(self)
 
     def of(self, system: System) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """Displacements and velocities of a system's masses; an ``InvalidInput`` for too few."""

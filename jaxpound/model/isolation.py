@@ -9,10 +9,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Range, Rule, enforce, instance, is_whole, positive, real, require_batch
+from jaxpound._checks import Range, instance, is_whole, positive
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._extrema import larger
-from jaxpound._fields import check, parameter, part, pytree_dataclass, ranges
+from jaxpound._fields import BatchInSI, parameter, pytree_dataclass
 from jaxpound.model.building import PERIOD, Building
 from jaxpound.model.dampers import VelocityFriction
 from jaxpound.model.hysteresis import Bilinear
@@ -31,7 +31,7 @@ _ELASTIC: Any = {"order": 1.0, "tau_f": 1e-3, "tau_x": 1e-3}  # a rod that does 
 
 
 @pytree_dataclass
-class FrictionPendulum:
+class FrictionPendulum(BatchInSI):
     r"""Bearings that slide on a spherical surface, in SI units (Zayas, Low and Mahin 1990).
 
     Under a weight W they are a spring W/R beside a sliding link with the slip force μ W; vertical
@@ -61,27 +61,19 @@ class FrictionPendulum:
 
     radius: Any = parameter("R", above=0, within=_RADIUS)
     friction: Any = parameter(r"\mu", least=0, within=_FRICTION)
-    fast_friction: Any = part(default=None)
-    rate: Any = part(default=None)
+    fast_friction: Any = parameter(
+        r"\mu_f", least="friction", within=_FRICTION, optional=True, default=None
+    )
+    rate: Any = parameter("a", above=0, within=RATE, optional=True, default=None)
     ultimate_displacement: Any = parameter("e_u", above=0, finite=False, default=np.inf)
 
     def __post_init__(self) -> None:
-        owner = "FrictionPendulum"
-        check(self)
-        enforce(owner, ranges(self))
-        if self.fast_friction is None:
-            if self.rate is not None:
-                rule = "must not be given without fast_friction: friction does not grow"
-                raise InvalidInput(owner, "rate", f"{self.rate}", rule)
-        else:
-            fast = real(owner, "fast_friction", self.fast_friction)
-            object.__setattr__(self, "fast_friction", fast)
-            rule = f"at least friction, and at most {_FRICTION.high}"
-            holds = (fast >= self.friction) & (fast <= _FRICTION.high)
-            (rate,) = positive(owner, rate=50.0 if self.rate is None else self.rate)
-            object.__setattr__(self, "rate", rate)
-            enforce(owner, [Rule("fast_friction", fast, holds, rule), RATE.of("rate", rate)])
-        require_batch(owner, **{name: x for name, x in vars(self).items() if x is not None})
+        if self.fast_friction is None and self.rate is not None:
+            rule = "must not be given without fast_friction: friction does not grow"
+            raise InvalidInput("FrictionPendulum", "rate", f"{self.rate}", rule)
+        if self.fast_friction is not None and self.rate is None:
+            object.__setattr__(self, "rate", 50.0)
+        super().__post_init__()
 
     def period(self, gravity: Any = STANDARD_GRAVITY) -> Any:
         """Period of the building as a pendulum, 2π √(R/g), s: it does not depend on the mass."""
@@ -112,7 +104,7 @@ class FrictionPendulum:
 
 
 @pytree_dataclass
-class LeadRubber:
+class LeadRubber(BatchInSI):
     r"""Lead–rubber bearings, bilinear: a strength Q and the stiffness of the rubber, in SI units.
 
     Parameters
@@ -139,11 +131,6 @@ class LeadRubber:
     ultimate_displacement: Any = parameter(
         "e_u", least="yield_displacement", finite=False, default=np.inf
     )
-
-    def __post_init__(self) -> None:
-        check(self)
-        enforce("LeadRubber", ranges(self))
-        require_batch("LeadRubber", **vars(self))
 
     def damping_ratio(self, displacement: Any, gravity: Any = STANDARD_GRAVITY) -> Any:
         """Equivalent viscous damping ratio in cycles to ±``displacement``, m, beyond yield.

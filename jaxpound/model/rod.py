@@ -48,11 +48,6 @@ class ZenerRod(Batch):
     )
 
     @property
-    def static_modulus(self) -> float:
-        """Relaxation modulus for t → ∞, in units of K: 1."""
-        return 1.0
-
-    @property
     def instantaneous_modulus(self) -> Any:
         """Relaxation modulus for t → 0, in units of K: τ_x / τ_f."""
         return self.tau_x / self.tau_f

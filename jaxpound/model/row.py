@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxpound._checks import instance, is_whole
+from jaxpound._checks import as_tuple, instance, is_whole, require_one_of
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import check, like, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
@@ -22,7 +22,6 @@ from jaxpound.model.system import (
     Link,
     Rod,
     System,
-    as_tuple,
     check_link,
     faces_of,
     is_closable,
@@ -85,8 +84,7 @@ class FloorLink:
     side: str = static(default="right")
 
     def __post_init__(self) -> None:
-        if self.side not in ("right", "left"):
-            raise InvalidInput("FloorLink", "side", repr(self.side), "must be 'right' or 'left'")
+        require_one_of("FloorLink", self.side, ("right", "left"), "side")
         for name in ("building", "floor", "next_floor", "next_building"):
             number, least = getattr(self, name), GROUND if name.startswith("next") else 0
             if number is None and least == GROUND:
@@ -162,9 +160,7 @@ class Row:
     links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
 
     def __post_init__(self) -> None:
-        for name in ("buildings", "links"):
-            object.__setattr__(self, name, as_tuple("Row", name, getattr(self, name)))
-        object.__setattr__(self, "links", by_face(self.links))
+        object.__setattr__(self, "links", by_face(as_tuple("Row", "links", self.links)))
         check(self)
         floors = [len(building.masses) for building in self.buildings]
         require_floors(floors, self.links, LinkLabels("Row"))

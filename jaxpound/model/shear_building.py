@@ -69,7 +69,7 @@ class ShearBuilding:
 
     def __post_init__(self) -> None:
         owner, heights = "ShearBuilding", cast("Any", self.heights)
-        object.__setattr__(self, "storeys", as_tuple(owner, "storeys", self.storeys))
+        check(self)
         if not (n := len(self.storeys)):
             raise InvalidInput(owner, "storeys", "()", "must hold at least one storey")
         require_tuned(owner, self.n_tuned, n)
@@ -77,7 +77,6 @@ class ShearBuilding:
         if len(heights) != n:
             name = f"heights, {len(heights)} of them,"
             raise InvalidInput(owner, name, "", f"must be {n}, as storeys")
-        check(self)
         for i, height in enumerate(heights):
             name = f"heights.{i}"
             if is_traced(positive_number(owner, **{name: height})):
@@ -95,9 +94,6 @@ class ShearBuilding:
         tau_f: Any,
         tau_x: Any,
         heights: Any = 3.0,
-        *,
-        yield_force: Any = None,
-        hardening: Any = 0.0,
     ) -> ShearBuilding:
         """A building from its floors' masses and its storeys' rods.
 
@@ -113,8 +109,6 @@ class ShearBuilding:
             The rods, as in ``Building``: a number for each storey, or one for all.
         heights
             As in ``ShearBuilding``.
-        yield_force, hardening
-            Of each storey, or one for all, if they yield (``yielding``); by default they do not.
 
         Examples
         --------
@@ -131,10 +125,7 @@ class ShearBuilding:
         for i, numbers in enumerate(zip(masses, *listed, strict=True)):
             with renamed(f"{owner}: storeys.{i}"):
                 storeys.append(Building(*numbers))
-        building = cls(tuple(storeys), _each(owner, "heights", heights, n))
-        if yield_force is None:
-            return building
-        return building.yielding(yield_force=yield_force, hardening=hardening)
+        return cls(tuple(storeys), _each(owner, "heights", heights, n))
 
     @classmethod
     def from_period(

@@ -6,12 +6,12 @@ from typing import Any
 
 import jax
 
-from jaxpound._checks import is_whole
+from jaxpound._checks import as_tuple, is_whole
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, like, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
-from jaxpound.model.system import Link, Rod, System, as_tuple
+from jaxpound.model.system import Link, Rod, System
 from jaxpound.model.topology import GROUND, Ends
 
 

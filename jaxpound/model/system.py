@@ -15,10 +15,10 @@ from dataclasses import replace
 from types import NoneType
 from typing import Any, Protocol, runtime_checkable
 
-import jax
 import numpy as np
 
-from jaxpound._checks import Rule, finite, instead, is_traced, is_whole, number, real
+from jaxpound._checks import Rule, finite, is_traced, is_whole, number, real
+from jaxpound._checks import as_tuple as as_tuple
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
@@ -285,14 +285,6 @@ class System:
     def influences(self) -> tuple[float, ...]:
         """The share of the ground's motion that each mass has, also where all have it."""
         return self.influence or (1.0,) * len(self.masses)
-
-
-def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:
-    """A sequence as a tuple; an ``InvalidInput`` for anything else."""
-    if not isinstance(value, Sequence | np.ndarray | jax.Array) or isinstance(value, str):
-        rule = f"must be a tuple{instead(value, 'tuple')}"
-        raise InvalidInput(owner, name, reprlib.repr(value), rule)
-    return tuple(value)
 
 
 def _set_ends(element: Rod | Link) -> None:

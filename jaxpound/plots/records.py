@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from jaxpound._checks import instance
-from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
 from jaxpound.ground import intensity
 from jaxpound.ground.motion import SECONDS, GroundLike, records_in, require_ground
-from jaxpound.ground.record import Record
+from jaxpound.ground.record import Record, require_records
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes
 
@@ -57,23 +55,14 @@ def spectra(
     in that unit, by default 80 from 0.05 to 5; ``damping`` is a ratio, at least 0 and below 1.
     ``marks`` are natural periods to be marked, by name, such as those of two buildings.
     """
-    instance("spectra", "records", records, Mapping)
-    if not records:
-        raise InvalidInput("spectra", "records", "", "must hold at least one record")
-    for name, record in records.items():
-        instance("spectra", f"records[{name!r}]", record, Record)
-    first, *others = records.values()
-    for record in others:
-        if record.time_unit != first.time_unit:
-            same = f"must be in the same unit of time as {first!r}"
-            raise InvalidInput("spectra: records", repr(record), "", same)
+    require_records("spectra", records, Mapping)
     t = np.geomspace(0.05, 5.0, 80) if periods is None else np.asarray(periods)
     accelerations = intensity.spectra("spectra", [*records.values()], t, damping)
     ax = new_axes(ax)
     for i, (name, spectrum) in enumerate(zip(records, accelerations, strict=True)):
         cycles, place = divmod(i, len(house.CYCLE))
         ax.plot(t, spectrum, ("-", "--", ":")[cycles % 3], color=house.CYCLE[place], label=name)
-    spectral_axes(ax, _in_seconds(first), damping)
+    spectral_axes(ax, any(map(_in_seconds, records.values())), damping)
     for name, period in (marks or {}).items():
         ax.axvline(period, color=COLOURS["residual"], linewidth=0.7, zorder=1)
         where: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}

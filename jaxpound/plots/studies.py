@@ -100,10 +100,8 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     ranked, n = study.finite("required_gap")[order], order.size
     more = np.unique(np.geomspace(1, n, _POINTS).astype(int))  # counts of exceedance
     gaps = ranked[n - more]
-    if study.weighting is None:
-        estimates = np.array([probability(int(k), n)[:3] for k in more])
-    else:
-        estimates = np.array([study.pounding_probability(float(gap))[:3] for gap in gaps])
+    weights = _weights(study, "required_gap")[order]
+    estimates = np.array([study._estimate(Hits.of(ranked >= x, weights))[:3] for x in gaps])
     ax.plot(gaps, estimates[:, 0], color=COLOURS["damper"], label="estimate")
     ax.fill_between(gaps, *estimates[:, 1:].T, label="95 % interval", **shade("damper"))
     ax.set_yscale("log")

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from jaxpound._checks import instance
-from jaxpound._errors import InvalidInput
+from jaxpound._checks import array, instance
 from jaxpound.model.capacity_curve import pushover as pushed_over
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.plots import style as house
@@ -25,13 +24,12 @@ def cyclic_test(
     ``measured`` are forces at its displacements, shape (n,); a ``ValueError`` for another shape.
     """
     instance("cyclic_test", "test", test, CyclicTest)
-    series: dict[str, Any] = {} if measured is None else {"measured": np.asarray(measured)}
-    series["law"], ax, x = test.force, new_axes(ax), test.displacement
+    ax, x, series = new_axes(ax), test.displacement, dict[str, Any]()
+    if measured is not None:
+        series["measured"] = array("cyclic_test", "measured", measured, x.shape)
+    series["law"] = test.force
     factor, up = house.with_unit("force $f$", "force", si, float(np.abs(test.force).max()))
     for name, force in series.items():
-        if force.shape != (x.size,):
-            rule = f"of shape {force.shape} must be ({x.size},), as the displacements"
-            raise InvalidInput("cyclic_test", name, "", rule)
         style, colour = ("-", "rods") if name == "law" else (".", "residual")
         ax.plot(x, factor * force, style, markersize=3, color=COLOURS[colour], label=name)
     label(ax, house.with_unit("displacement $e$", "length", si)[1], up)

@@ -13,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxpound._checks import Rule, enforce, finite, instance, not_negative, number
+from jaxpound._checks import not_negative, number
 from jaxpound._errors import InvalidInput, warn
+from jaxpound._fields import check, parameter, part
 from jaxpound._xla.batches import in_chunks
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
@@ -82,22 +83,18 @@ class LimitState:
     True
     """
 
-    scenarios: ScenarioSet
-    grid: TimeGrid
-    scheme: Scheme = Scheme()
+    scenarios: ScenarioSet = part(ScenarioSet)
+    grid: TimeGrid = part(TimeGrid)
+    scheme: Scheme = part(Scheme, default=Scheme())
     demand: DemandSpec = REQUIRED_GAP
-    threshold: float | None = None
-    changes: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    threshold: float | None = parameter(single=True, optional=True, default=None)
+    changes: Mapping[str, float] = part(Mapping, default_factory=dict)
     programs: Any = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        kinds = {"scenarios": ScenarioSet, "grid": TimeGrid, "scheme": Scheme, "changes": Mapping}
-        for name, kind in kinds.items():
-            instance(OWNER, name, getattr(self, name), kind)
+        check(self)
         if self.threshold is not None:
-            threshold = number(OWNER, "threshold", self.threshold)
-            enforce(OWNER, [Rule("threshold", threshold, finite(threshold), "finite")])
-            object.__setattr__(self, "threshold", float(threshold))
+            object.__setattr__(self, "threshold", float(self.threshold))
         elif self.demand != REQUIRED_GAP:
             named.require_threshold(OWNER, self.demand)
         if self.programs is None or not self.programs.serve(self):
@@ -370,22 +367,22 @@ class SubsetRuns:
     def __call__(self, queries: Mapping[QueryId, np.ndarray]) -> dict[QueryId, np.ndarray]:
         """Values of points by query; −∞ of runs that fail."""
         answers = {}
-        for part in self._parts(queries):
-            results = self._runs.results(part, lambda z: [self._state.values(z)])
+        for batches in self._parts(queries):
+            results = self._runs.results(batches, lambda z: [self._state.values(z)])
             for name, (values,) in results.items():
                 answers[name] = np.where(np.isnan(values), -np.inf, values).astype(float)
                 self.failed += int(np.isnan(values).sum())
-            size = sum(map(len, part.values()))
+            size = sum(map(len, batches.values()))
             self.count += size
             self._bar.update(size)
         return answers
 
     def _parts(self, queries: Mapping[QueryId, np.ndarray]) -> Iterator[dict[QueryId, np.ndarray]]:
         """Queries that are run and written together: the same ones, and rounding, after a stop."""
-        part: dict[QueryId, np.ndarray] = {}
+        batches: dict[QueryId, np.ndarray] = {}
         for name, points in queries.items():
-            if part and sum(map(len, part.values())) + len(points) > self._part:
-                yield part
-                part = {}
-            part[name] = points
-        yield part
+            if batches and sum(map(len, batches.values())) + len(points) > self._part:
+                yield batches
+                batches = {}
+            batches[name] = points
+        yield batches

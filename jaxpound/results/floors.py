@@ -8,13 +8,13 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import instance
+from jaxpound._checks import as_tuple, instance
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.building import Building
 from jaxpound.model.shear_building import ShearBuilding
-from jaxpound.model.system import Structures, as_tuple, gravity_of
+from jaxpound.model.system import Structures, gravity_of
 from jaxpound.model.topology import Topology, floors, is_storey, stacks, two_ends
 from jaxpound.quantities import column, unit
 from jaxpound.results.demand import Demand

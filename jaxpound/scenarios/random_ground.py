@@ -17,7 +17,7 @@ from jaxpound._checks import count, instance, require_memory
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, Parameter, parameter, part, walk
 from jaxpound.ground.motion import DIMENSIONLESS, time_unit_of
-from jaxpound.ground.record import Record, stacked
+from jaxpound.ground.record import Record, require_records, stacked
 from jaxpound.ground.wavelets import Pulse, Ricker
 from jaxpound.model.parameters import SMALLEST
 from jaxpound.scenarios.distributions import Distribution, TwoSided, require_inside, truncated
@@ -134,18 +134,11 @@ class RandomRecord(Checked, GroundDraw):
     weights: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        records = tuple(self.records) if isinstance(self.records, Sequence) else ()
-        if not records:
-            raise InvalidInput("RandomRecord", "records", repr(self.records), "must hold records")
-        for i, record in enumerate(records):
-            instance("RandomRecord", f"records[{i}]", record, Record)
-            if record.time_unit != records[0].time_unit:
-                rule = f"must be in the same unit of time as {records[0]!r}"
-                raise InvalidInput("RandomRecord", f"records[{i}]", repr(record), rule)
-        object.__setattr__(self, "records", records)
+        require_records("RandomRecord", self.records, Sequence)
+        object.__setattr__(self, "records", tuple(self.records))
         super().__post_init__()
         if self.weights is not None:
-            weights, n = np.asarray(self.weights, float), len(records)
+            weights, n = np.asarray(self.weights, float), len(self.records)
             valid = weights.shape == (n,) and (weights >= 0).all() and weights.sum() > 0
             if not (valid and np.isfinite(weights).all()):
                 rule = f"must be {n} numbers, finite and not negative, with a positive sum"

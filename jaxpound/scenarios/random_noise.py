@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound import _checks
-from jaxpound._checks import Rule, enforce, positive_number
+from jaxpound._checks import Rule, enforce
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, parameter, part
 from jaxpound.ground.evolving import evolving_noise, high_passed, modulation
@@ -23,8 +23,39 @@ from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.scenarios.scenarios import NUMBER_BYTES
 
 
+class NoiseDraw(Checked, GroundDraw):
+    """Base class of noises: a standard normal number for each of at least two samples."""
+
+    samples: int
+
+    def __post_init__(self) -> None:
+        owner = type(self).__name__
+        n = _checks.count(owner, "samples", self.samples)
+        enforce(owner, [Rule("samples", n, n >= 2, "at least 2")])
+        _checks.require_memory(owner, "samples", n, n * NUMBER_BYTES)
+        object.__setattr__(self, "samples", n)
+        super().__post_init__()
+
+    @property
+    def dimension(self) -> int:
+        """One number for each sample."""
+        return self.samples
+
+    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
+        """The numbers of the noise, by name."""
+        return {f"noise_{i + 1}": x for i, x in enumerate(z)}
+
+    def _reals(self, z: Any, dimension: int) -> Array:
+        """Standard normal numbers as floats; an ``InvalidInput`` for another shape."""
+        z = jnp.asarray(_checks.real(type(self).__name__, "z", z))
+        if z.shape != (dimension,):
+            rule = f"of shape {z.shape} must be of shape ({dimension},)"
+            raise InvalidInput(type(self).__name__, "z", "", rule)
+        return z.astype(jnp.result_type(float, z))
+
+
 @dataclasses.dataclass(frozen=True)
-class FilteredNoise(Checked, GroundDraw):
+class FilteredNoise(NoiseDraw):
     r"""White noise through a filter, times an envelope: a random ground motion.
 
     The samples of the record that is drawn are, at t_j = j·dt,
@@ -87,12 +118,11 @@ class FilteredNoise(Checked, GroundDraw):
     envelope: Callable[[Any], Any] | None = None
     intensity: Any = 1.0
     time_unit: str = DIMENSIONLESS
-    spectral_density: Any = None
-    high_pass: float | None = None
+    spectral_density: Any = parameter(above=0, single=True, optional=True, default=None)
+    high_pass: float | None = parameter(above=0, single=True, optional=True, default=None)
 
     def __post_init__(self) -> None:
         owner, envelope = "FilteredNoise", self.envelope
-        check_sampling(self)
         if isinstance(envelope, type) or not (envelope is None or callable(envelope)):
             raise InvalidInput(owner, "envelope", repr(envelope), "must be a function of t")
         if not isinstance(self.intensity, Distribution):
@@ -100,8 +130,6 @@ class FilteredNoise(Checked, GroundDraw):
             _checks.not_negative(owner, intensity=value)
             object.__setattr__(self, "intensity", value)
         object.__setattr__(self, "time_unit", time_unit_of(owner, self.time_unit))
-        if self.spectral_density is not None:
-            positive_number(owner, spectral_density=self.spectral_density)
         super().__post_init__()
 
     @property
@@ -111,7 +139,7 @@ class FilteredNoise(Checked, GroundDraw):
 
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z."""
-        z = reals("FilteredNoise", z, self.dimension)
+        z = self._reals(z, self.dimension)
         samples = filtered(self.filter, z[: self.samples], self.dt, self.spectral_density)
         if self.envelope is not None:
             samples = samples * self.envelope(np.arange(self.samples, dtype=z.dtype) * self.dt)
@@ -122,7 +150,7 @@ class FilteredNoise(Checked, GroundDraw):
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """The numbers of the noise, and the intensity, if random."""
         intensity = {"intensity": self._intensity(z)} if len(z) > self.samples else {}
-        return numbered(z[: self.samples]) | intensity
+        return super().parameters(z[: self.samples]) | intensity
 
     def _intensity(self, z: Any) -> Any:
         random = isinstance(self.intensity, Distribution)
@@ -130,7 +158,7 @@ class FilteredNoise(Checked, GroundDraw):
 
 
 @dataclasses.dataclass(frozen=True)
-class NonstationaryNoise(Checked, GroundDraw):
+class NonstationaryNoise(NoiseDraw):
     """The site-based ground motion of Rezaeian and Der Kiureghian (2010), of fixed parameters.
 
     White noise passes an oscillator whose frequency changes linearly, is scaled to unit variance,
@@ -170,25 +198,15 @@ class NonstationaryNoise(Checked, GroundDraw):
     mid_time: Any = parameter(r"t_{mid}", words="mid-time", above=0, single=True)
     frequency: Any = parameter(r"\omega_{mid}", words="frequency", above=0, single=True)
     frequency_slope: Any = parameter(r"\omega'", words="rate of frequency", single=True)
-    damping: Any = parameter(r"\zeta_f", words="damping ratio", above=0, most=1, single=True)
+    damping: Any = parameter(r"\zeta_f", words="damping ratio", above=0, below=1, single=True)
     samples: int = part(int)
     dt: float = parameter(above=0, single=True)
-    high_pass: float | None = 0.1
+    high_pass: float | None = parameter(above=0, single=True, optional=True, default=0.1)
     time_unit = SECONDS
-
-    def __post_init__(self) -> None:
-        check_sampling(self)
-        super().__post_init__()
-        enforce("NonstationaryNoise", [Rule("damping", self.damping, self.damping < 1, "below 1")])
-
-    @property
-    def dimension(self) -> int:
-        """One number for each sample."""
-        return self.samples
 
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z, in g and seconds."""
-        z = reals("NonstationaryNoise", z, self.dimension)
+        z = self._reals(z, self.dimension)
         oscillator = self.frequency, self.frequency_slope, self.mid_time, self.damping
         noise = evolving_noise(z, self.dt, *oscillator)
         t = np.arange(self.samples, dtype=z.dtype) * self.dt
@@ -196,29 +214,3 @@ class NonstationaryNoise(Checked, GroundDraw):
         if self.high_pass is not None:
             samples = high_passed(samples, self.dt, self.high_pass)
         return derived(samples, self.dt)
-
-    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
-        """The numbers of the noise."""
-        return numbered(z)
-
-
-def numbered(z: Any) -> dict[str, Any]:
-    """The normal numbers of a noise by name."""
-    return {f"noise_{i + 1}": x for i, x in enumerate(z)}
-
-
-def reals(owner: str, z: Any, dimension: int) -> Array:
-    """Standard normal numbers as floats; an ``InvalidInput`` for another shape."""
-    if (z := jnp.asarray(_checks.real(owner, "z", z))).shape != (dimension,):
-        raise InvalidInput(owner, "z", "", f"of shape {z.shape} must be of shape ({dimension},)")
-    return z.astype(jnp.result_type(float, z))
-
-
-def check_sampling(noise: Any) -> None:
-    """Make the number of samples of a noise an integer, and check it and ``high_pass``."""
-    owner, n = type(noise).__name__, _checks.count(type(noise).__name__, "samples", noise.samples)
-    enforce(owner, [Rule("samples", n, n >= 2, "at least 2")])
-    _checks.require_memory(owner, "samples", n, n * NUMBER_BYTES)
-    object.__setattr__(noise, "samples", n)
-    if noise.high_pass is not None:
-        positive_number(owner, high_pass=noise.high_pass)

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import is_whole
+from jaxpound._checks import is_whole, require_one_of, seed
 from jaxpound._errors import InvalidInput
 
 Points = Callable[[int, int], np.ndarray]  # points start to stop − 1, shape (stop − start, d)
@@ -26,17 +26,14 @@ SAMPLINGS = {"plain": 2**31, "sobol": 2**30}  # kinds of points, and the largest
 
 def require_sampling(owner: str, sampling: Any) -> int:
     """Largest number of points; an ``InvalidInput`` for an unknown kind of sampling."""
-    if sampling not in SAMPLINGS:
-        raise InvalidInput(owner, "sampling", repr(sampling), "must be 'plain' or 'sobol'")
+    require_one_of(owner, sampling, [*SAMPLINGS], "sampling")
     return SAMPLINGS[sampling]
 
 
 def key_numbers(owner: str, key: Any) -> tuple[str, tuple[int, ...]]:
     """Kind and numbers of a key or a seed, for JSON."""
     if is_whole(key):
-        if not 0 <= key < 2**32:
-            raise InvalidInput(owner, "key", str(key), "must be from 0 to 2^32 − 1")
-        key = jax.random.key(int(key), impl="threefry2x32")
+        key = jax.random.key(seed(owner, "key", key), impl="threefry2x32")
     typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
     if isinstance(key, jax.Array) and key.dtype == np.uint32 and key.shape in ((2,), (4,)):
         key, typed = jax.random.wrap_key_data(key), True
@@ -71,8 +68,8 @@ def points(sampling: str, key: jax.Array, dimension: int) -> Points:
     from scipy.special import ndtri  # only here: these imports take a second
     from scipy.stats import qmc
 
-    seed = np.random.default_rng(np.asarray(jax.random.key_data(key)).ravel().tolist())
-    engine, lock = qmc.Sobol(dimension, scramble=True, bits=_BITS, rng=seed), Lock()
+    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)).ravel().tolist())
+    engine, lock = qmc.Sobol(dimension, scramble=True, bits=_BITS, rng=rng), Lock()
 
     def sobol(start: int, stop: int) -> np.ndarray:
         with lock, warnings.catch_warnings():

@@ -22,14 +22,13 @@ from jax.scipy.special import ndtr
 from jaxtyping import Array, Float
 from scipy import special
 
-from jaxpound._errors import InvalidInput
+from jaxpound._checks import require_one_of
 from jaxpound._extrema import larger, smaller
-from jaxpound._fields import Checked, parameter, part
+from jaxpound._fields import like, parameter, part
 from jaxpound.ground.evolving import ChebyshevFit
 from jaxpound.ground.motion import SECONDS
 from jaxpound.ground.record import Record
-from jaxpound.scenarios.ground_draw import GroundDraw
-from jaxpound.scenarios.random_noise import NonstationaryNoise, check_sampling, numbered, reals
+from jaxpound.scenarios.random_noise import NoiseDraw, NonstationaryNoise
 
 FAULTS = {"strike-slip": 0.0, "reverse": 1.0}  # mechanisms, and F of the regression
 
@@ -64,7 +63,7 @@ _FAR = 9.0  # largest |ν|; the probability beyond, 1e-19, is concentrated there
 
 
 @dataclasses.dataclass(frozen=True)
-class SiteBasedNoise(Checked, GroundDraw):
+class SiteBasedNoise(NoiseDraw):
     """Random ground motions for an earthquake and a site (Rezaeian and Der Kiureghian 2010).
 
     The first six standard normal numbers draw the six parameters of ``NonstationaryNoise``, with
@@ -98,14 +97,11 @@ class SiteBasedNoise(Checked, GroundDraw):
     fault: str = part(str)
     samples: int = part(int)
     dt: float = parameter(above=0, single=True)
-    high_pass: float | None = 0.1
+    high_pass: float | None = like(NonstationaryNoise, "high_pass", default=0.1)
     time_unit = SECONDS
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.fault, str) and self.fault in FAULTS):
-            rule = "must be 'strike-slip' or 'reverse'"
-            raise InvalidInput("SiteBasedNoise", "fault", repr(self.fault), rule)
-        check_sampling(self)
+        require_one_of("SiteBasedNoise", self.fault, [*FAULTS], "fault")
         super().__post_init__()
 
     @property
@@ -121,15 +117,15 @@ class SiteBasedNoise(Checked, GroundDraw):
 
     def draw(self, z: Float[Array, " d"]) -> Record:
         """The record drawn by z, in g and seconds."""
-        z, n = reals("SiteBasedNoise", z, self.dimension), len(REGRESSIONS)
+        z, n = self._reals(z, self.dimension), len(REGRESSIONS)
         return self.noise(z[:n]).draw(z[n:])
 
     def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
         """The six parameters, and the numbers of the noise."""
-        return self._drawn(z[: len(REGRESSIONS)]) | numbered(z[len(REGRESSIONS) :])
+        return self._drawn(z[: len(REGRESSIONS)]) | super().parameters(z[len(REGRESSIONS) :])
 
     def _drawn(self, z: Any) -> dict[str, Any]:
-        z = reals("SiteBasedNoise", z, len(REGRESSIONS))
+        z = self._reals(z, len(REGRESSIONS))
         distance, soil = self.distance / 25, self.vs30 / 750
         linear = 1.0, FAULTS[self.fault], self.magnitude / 7, distance, soil
         logarithmic = *linear[:3], jnp.log(distance), jnp.log(soil)

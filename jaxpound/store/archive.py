@@ -175,14 +175,13 @@ class Archive:
             data = self._member(f"{name}.npy")
             if digest(data) != self._sums[name]:
                 raise DamagedError(f"the checksum of {name!r} is wrong")
-            file = io.BytesIO(data)
-            if np.lib.format.read_magic(file) != (1, 0):
-                raise DamagedError(f"{name!r} is no array of plain numbers")
-            stored_shape, by_columns, kind = np.lib.format.read_array_header_1_0(file)
-            if by_columns or kind != np.dtype(dtype) or stored_shape != shape:
+            array = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+            if array.dtype != np.dtype(dtype) or array.shape != shape:
                 expected = f"{np.dtype(dtype)} of shape {shape}"
-                raise DamagedError(f"{name!r} is {kind} of shape {stored_shape}, not {expected}")
-            return np.frombuffer(data, kind, offset=file.tell()).reshape(shape)
+                raise DamagedError(
+                    f"{name!r} is {array.dtype} of shape {array.shape}, not {expected}"
+                )
+            return array
 
     def _member(self, name: str) -> bytes:
         info = self._zip.getinfo(name)

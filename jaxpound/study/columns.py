@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import instance, number, real
+from jaxpound._checks import array, instance, number
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown
 from jaxpound.ground.measure import Measure
@@ -157,9 +157,7 @@ class DemandColumns(Columnar, Shown):
                 raise InvalidInput(owner, "weights", "", rule)
             require_weights(owner, np.array([column.smallest, column.largest]))
         else:
-            weights = np.asarray(real(owner, "weights", weights), float)
-            if weights.shape != (len(self),):
-                raise InvalidInput(owner, "weights", "", f"must be ({len(self)},)")
+            weights = array(owner, "weights", weights, (len(self),))
             if self.failed:
                 weights = np.where(np.isnan(self._read("pga")), 0.0, weights)
             require_weights(owner, weights)
@@ -191,7 +189,8 @@ class DemandColumns(Columnar, Shown):
         """Number, mean, standard deviation and extremes of a column, normalised with weights."""
         moments = self._moments[self._column(name)]
         if self.weighting is not None:
-            moments = weighting.moments(self._weighed(self._parts(name)))
+            pairs = ((x, w, np.isfinite(x)) for x, w in self._weighed(self._parts(name)))
+            moments = sum((Moments.of(x[valid], w[valid]) for x, w, valid in pairs), Moments())
         return moments.times(self._factor(name))
 
     def quantile(self, name: str, share: float, confidence: float = 0.95) -> Estimate:

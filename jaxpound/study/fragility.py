@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import ArrayLike
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from jaxpound._checks import Rule, count, enforce, instance, positive_number, real, require_share
+from jaxpound import _checks
+from jaxpound._checks import Rule, array, count, enforce, instance, real, require_share
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure, measure_unit
@@ -71,11 +72,9 @@ class Fragility(Shown):
     def __post_init__(self) -> None:
         owner = type(self).__name__
         for name in ("median", "dispersion"):
-            (value,) = positive_number(owner, **{name: getattr(self, name)})
+            (value,) = _checks.positive_number(owner, **{name: getattr(self, name)})
             object.__setattr__(self, name, float(value))
-        matrix = np.asarray(real(owner, "covariance", self.covariance), float)
-        if matrix.shape != (2, 2):
-            raise InvalidInput(owner, "covariance", "", f"of shape {matrix.shape} must be (2, 2)")
+        matrix = array(owner, "covariance", self.covariance, (2, 2))
         object.__setattr__(self, "covariance", matrix)
         instance(owner, "measure", self.measure, str)
         of_measure, unit = Measure.of_text(self.measure).unit, measure_unit(self.unit) or self.unit
@@ -233,9 +232,7 @@ def fit_fragility(
     k, n = k.astype(int), n.astype(int)
     w: np.ndarray | None = None
     if weights is not None:
-        w = np.asarray(real(owner, "weights", weights), float)
-        if w.shape != im.shape:
-            raise InvalidInput(owner, f"weights {w.shape}", "", f"must be {im.shape}, as intensity")
+        w = array(owner, "weights", weights, im.shape)
         require_weights(owner, w)
         w = w / w.mean()
     counted = np.ones(im.shape, bool) if w is None else w > 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +38,8 @@ RULES = {"absolute_sum": "absolute sum", "srss": "SRSS", "double_difference": "d
 """Codes' rules for the gap, fields of ``Separation``, in words."""
 
 
-class Separation(NamedTuple):
+@dataclasses.dataclass(frozen=True, repr=False)
+class Separation(Shown):
     """The required gap at a probability of exceedance, beside those of code rules.
 
     The rules combine the two peak displacements u1, u2 that are exceeded with that probability.
@@ -54,19 +55,13 @@ class Separation(NamedTuple):
     correlation: float
     """ρ for the median structures without damper (``double_difference_correlation``)."""
 
-    def _table(self) -> TextTable:
+    def _tables(self) -> list[TextTable]:
         rows = [
             ("required gap", str(self.required_gap)),
             *((words, f"{getattr(self, rule):.4g}") for rule, words in RULES.items()),
         ]
         note = f"double difference with a correlation of {self.correlation:.3g}"
-        return TextTable("Separation", (), rows, [note])
-
-    def __repr__(self) -> str:
-        return self._table().text()
-
-    def _repr_html_(self) -> str:
-        return self._table().html()
+        return [TextTable("Separation", (), rows, [note])]
 
 
 def srss(displacement_1: Any, displacement_2: Any) -> Any:

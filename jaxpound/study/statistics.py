@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import betaincinv
 
-from jaxpound._checks import Rule, enforce, require_share
-from jaxpound._errors import InvalidInput
+from jaxpound._checks import Rule, array, enforce, require_share
 from jaxpound._tables import TextTable
 
 
@@ -60,9 +59,7 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
     owner = "quantile"
     require_share(owner, "share", share)
     require_share(owner, "confidence", confidence)
-    sample = np.asarray(sample, float)
-    if sample.ndim != 1 or not sample.size:
-        raise InvalidInput(owner, "sample", "", f"of shape {sample.shape} must be (n,) with n ≥ 1")
+    sample = array(owner, "sample", sample, (-1,))
     enforce(owner, [Rule("sample", sample, np.isfinite(sample), "finite")])
     ends = stats.quantile_test(sample, p=share).confidence_interval(confidence)
     # NaN if no order statistic suffices.
@@ -71,41 +68,49 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
 
 
 class Moments(NamedTuple):
-    """Moments and extremes of a sample that is read in parts."""
+    """Moments and extremes of a sample, perhaps with weights, that is read in parts."""
 
     n: int = 0
     mean: float = float("nan")
-    square: float = 0.0  # sum of squared deviations from the mean
+    spread: float = 0.0  # sum of weighted squared deviations from the mean
     smallest: float = float("nan")
     largest: float = float("nan")
+    weight: float = 0.0  # sum of the weights
+    square: float = 0.0  # sum of their squares
 
     @staticmethod
-    def of(sample: np.ndarray) -> Moments:
-        """Moments of a part, shape (n,)."""
-        sample = np.asarray(sample, float)
-        if not sample.size:
+    def of(sample: np.ndarray, weights: np.ndarray | None = None) -> Moments:
+        """Moments of a part, shape (n,), of equal weights by default."""
+        x = np.asarray(sample, float)
+        w = np.ones(x.shape) if weights is None else weights
+        if not (weight := float(w.sum())):
             return Moments()
-        mean = float(sample.mean())
-        square = float(np.sum((sample - mean) ** 2))
-        return Moments(sample.size, mean, square, float(sample.min()), float(sample.max()))
+        mean = float(w @ x) / weight
+        ends = float(x[w > 0].min()), float(x[w > 0].max())
+        return Moments(x.size, mean, float(w @ (x - mean) ** 2), *ends, weight, float(w @ w))
 
     def __add__(self, other: Moments) -> Moments:  # type: ignore[override]
-        """Moments of both parts (Chan, Golub and LeVeque 1979)."""
+        """Moments of both parts (Chan, Golub and LeVeque 1979), with weights for counts."""
         if not self.n or not other.n:
             return self if self.n else other
-        m, n = self.n, other.n
-        total, difference = m + n, other.mean - self.mean
-        mean = self.mean + difference * n / total
-        square = self.square + other.square + difference**2 * m * n / total
+        weight, difference = self.weight + other.weight, other.mean - self.mean
+        mean = self.mean + difference * other.weight / weight
+        between = difference**2 * self.weight * other.weight / weight
         ends = min(self.smallest, other.smallest), max(self.largest, other.largest)
-        return Moments(total, mean, square, *ends)
+        spread, square = self.spread + other.spread + between, self.square + other.square
+        return Moments(self.n + other.n, mean, spread, *ends, weight, square)
 
     def times(self, factor: float) -> Moments:
         """Moments of the sample times a factor > 0."""
-        n, mean, square, low, high = self
-        return Moments(n, mean * factor, square * factor**2, low * factor, high * factor)
+        mean, spread = self.mean * factor, self.spread * factor**2
+        ends = self.smallest * factor, self.largest * factor
+        return Moments(self.n, mean, spread, *ends, self.weight, self.square)
 
     @property
     def std(self) -> float:
-        """Standard deviation, unbiased in its square; NaN for fewer than two numbers."""
-        return (self.square / (self.n - 1)) ** 0.5 if self.n > 1 else float("nan")
+        """Standard deviation; its square is unbiased for weights that do not depend on the sample.
+
+        NaN for fewer than two numbers.
+        """
+        free = self.weight - self.square / self.weight if self.n else 0.0
+        return (self.spread / free) ** 0.5 if free > 0 else float("nan")

@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxpound._checks import is_whole, not_negative, number, require_share
+from jaxpound._checks import is_whole, not_negative, number, require_one_of, require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import TextTable
 from jaxpound.model.places import link_places
@@ -252,8 +252,7 @@ class Study(DemandColumns):
 
         NaN where one of the two does not vary. Runs in which the column is infinite are left out.
         """
-        if kind not in ("rank", "linear"):
-            raise InvalidInput("correlations", "kind", repr(kind), "must be 'rank' or 'linear'")
+        require_one_of("correlations", kind, ("rank", "linear"), "kind")
         y = self._read(self._column(name))
         valid, weights = np.isfinite(y), self.weights
         return {

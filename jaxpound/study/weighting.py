@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, not_negative, require_share
-from jaxpound._errors import InvalidInput
-from jaxpound.study.statistics import Estimate, Moments, binomial_interval
+from jaxpound._checks import Rule, array, enforce, not_negative, require_share
+from jaxpound.study.statistics import Estimate, binomial_interval
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -98,8 +96,7 @@ def quantile(
     """
     require_share("quantile", "share", share)
     require_share("quantile", "confidence", confidence)
-    if not sample.size:
-        raise InvalidInput("quantile", "sample", "", f"of shape {sample.shape} must be (n,), n ≥ 1")
+    sample = array("quantile", "sample", sample, (-1,))
     sign = 1.0 if share >= 0.5 else -1.0
     tail = 1 - share if share >= 0.5 else share
     order = np.argsort(sign * sample)[::-1]
@@ -119,31 +116,6 @@ def quantile(
     lower = exceeded_by(high) if high <= shares[-1] - w[-1] / whole else -np.inf
     below, above = sorted([sign * lower, sign * upper])
     return Estimate(sign * value, below, above, confidence)
-
-
-def moments(parts: Iterable[tuple[np.ndarray, np.ndarray]]) -> Moments:
-    """Normalised moments of the finite ones of samples and their weights, part by part.
-
-    The variance is unbiased for weights that do not depend on the sample: Σ w (x − mean)² over
-    Σ w − Σ w² / Σ w.
-    """
-    n, weight, square, mean, spread, low, high = 0, 0.0, 0.0, 0.0, 0.0, np.inf, -np.inf
-    for sample, weights in parts:
-        x, w = sample[np.isfinite(sample)], weights[np.isfinite(sample)]
-        if not (added := w.sum()):
-            continue
-        centre = (w @ x) / added
-        # Chan, Golub and LeVeque (1979), with weights for counts.
-        difference, total = centre - mean, weight + added
-        spread += w @ (x - centre) ** 2 + difference**2 * weight * added / total
-        mean += difference * added / total
-        n, weight, square = n + x.size, total, square + (w**2).sum()
-        low, high = min(low, x[w > 0].min()), max(high, x[w > 0].max())
-    if not n:
-        return Moments()
-    free = weight - square / weight
-    variance = spread / free if free > 0 else np.nan
-    return Moments(n, float(mean), float(variance * (n - 1)), float(low), float(high))
 
 
 def correlation(x: np.ndarray, y: np.ndarray, weights: np.ndarray, *, ranks: bool) -> float:

@@ -123,7 +123,7 @@ def test_records_keep_their_unit_of_time():
         assert all(f"dt = {float(x.dt):.6g} {unit}, duration" in repr(x) for x in derived)
     other = jp.Record(SAMPLES, 0.5, time_unit="1/ω1")
     assert (jp.Ricker(1, 1, 1) + other - 2 * other).acceleration(0.0) is not None
-    with pytest.raises(ValueError, match=r"Sum: grounds: Record\(.* must be in the same unit"):
+    with pytest.raises(ValueError, match=r"Sum: grounds, record 2 = Record\(.* in the same unit"):
         RECORD + jp.Ricker(1, 1, 1) + 2 * other
 
 

@@ -65,7 +65,7 @@ def test_ranges_targets_and_their_damping():
 
 TARGETS, OF_EN, ONES = jp.TargetSpectrum, jp.TargetSpectrum.en_1998, [1.0, 1.0]
 WITHIN = "periods = .* must be within those of the target 'site', 0 to 4"
-NOT_RISING = "periods = 0.1 .* must be finite, not negative and rising"
+NOT_RISING = "periods = 0.1 .* must be rising"
 TOO_LARGE = r"least = 0.9 must be at most 0\.\d+, which factors of 1"
 test_wrong_ranges_factors_and_targets_are_named = refusals(
     (lambda: scaled(periods=(0.01, 1.0)), "'slow' holds, 0.04 to 7.98"),

@@ -48,7 +48,7 @@ def test_a_folder_is_read_in_the_order_of_names(tmp_path):
     np.testing.assert_allclose(SUITE.scaled([2.0, 1.0, 0.5]).pgas, SUITE.pgas * [2.0, 1.0, 0.5])
     np.testing.assert_allclose(SUITE.scaled(3.0).spectra([0.5]), 3 * SUITE.spectra([0.5]))
     refused(r"damping of shape \(2,\) must be one numb", SUITE.spectra, [0.5], damping=[0.02, 0.05])
-    refused(r"factors of shape \(2,\) must be \(3,\)", SUITE.scaled, [1.0, 2.0])
+    refused(r"factors of shape \(2,\) must be one number or \(3,\)", SUITE.scaled, [1.0, 2.0])
 
 
 def test_errors_name_the_file(tmp_path):

@@ -49,7 +49,7 @@ test_wrong_capacities = refusals(
     (([0.1, -0.2],), "capacities = -0.2 .* must be positive"),
     (([0.1, 0.2, np.inf],), "analysed = None must be given"),
     (([0.1, 0.2, np.inf], np.inf), "analysed = inf .* positive, and finite where a capacity"),
-    (([0.1, 0.2, np.inf], [0.4, 0.4]), r"analysed of shape \(2,\) must be \(3,\)"),
+    (([0.1, 0.2, np.inf], [0.4, 0.4]), r"analysed of shape \(2,\) must be one number or \(3,\)"),
     (("ab",), "capacities = 'ab' must be a real number"),
     (([0.1, np.inf], 0.4), "at least 2 records; they are known of 1 of 2"),
     (([0.1, 0.1],), "they are equal"),

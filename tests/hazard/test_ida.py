@@ -218,7 +218,7 @@ test_wrong_arguments_are_named = refusals(
     ({"refine": "newtn"}, "unknown refine = 'newtn'; did you mean 'newton'"),
     ({"tolerance": 0}, "tolerance = 0 must be"),
     ({"measure": "sa"}, "measure = 'sa' must be 'pga', a natural period"),
-    ({"measure": [1.0]}, r"measure of shape \(1,\) must be a number for each of 3 records"),
+    ({"measure": [1.0]}, r"measure of shape \(1,\) must be one number or \(3,\)"),
     ({"demand": "peak_x1"}, "threshold = None must be a number: demand is 'peak_x1'"),
     ({"demand": "peak_x9", "threshold": 1.0}, "unknown demand 'peak_x9'"),
     ({"threshold": 0.0}, "threshold = 0 must be above 0, what the demand is without shaking"),

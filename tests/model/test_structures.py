@@ -36,7 +36,7 @@ def structures(**changes):
 def test_moduli_are_those_of_slow_and_fast_motion_and_take_arrays():
     for order in (0.3, 0.8, 1.0):
         rod = jp.ZenerRod(order, 0.1, 2.0)
-        assert (rod.static_modulus, rod.instantaneous_modulus) == (1, 2.0 / 0.1)
+        assert rod.instantaneous_modulus == 2.0 / 0.1
         assert rod.storage_modulus(0.0) == 1
         slow, *fast = 1e-18 ** (1 / order), 1e18 ** (1 / order), 1e250
         for omega, limit in ((slow, 1.0), *((omega, 2.0 / 0.1) for omega in fast)):

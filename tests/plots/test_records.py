@@ -41,7 +41,11 @@ def test_accelerogram_marks_the_peak_and_axes_say_the_unit_of_time(ax):
 
 
 test_wrong_arguments_are_named = refusals(
-    (spectra, {"a": DIMENSIONLESS, "b": RECORD}, r"records: Record.* must be in the same unit of"),
+    (
+        spectra,
+        {"a": DIMENSIONLESS, "b": RECORD},
+        r"records\['b'\] = .* in the same unit of time as",
+    ),
     (spectra, {}, "must hold at least one record"),
     (spectra, RECORD, "records = .* must be of type"),
     (spectra, {"a": 3}, r"records\['a'\] = 3 must be of type Record"),

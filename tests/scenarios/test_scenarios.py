@@ -228,7 +228,7 @@ test_bad_values_are_named = refusals(
     (lambda: jp.RandomRicker(0, U, U, U), "wavelets = 0 must be a positive whole number"),
     (lambda: jp.RandomRicker(2, 0.3, U, U), "amplitude = 0.3 must be of type Distribution"),
     (lambda: jp.RandomRicker(2, U, U, U, negative=1.5), "negative = 1.5 must be between 0 and 1"),
-    (lambda: jp.RandomRecord([]), r"records = \[\] must hold records"),
+    (lambda: jp.RandomRecord([]), r"records = \[\] must hold at least one record"),
     (lambda: jp.RandomRecord([3]), r"records\[0\] = 3 must be of type Record"),
     (lambda: jp.RandomRecord(RECORDS, weights=(1, 2)), r"weights = \(1, 2\) must be 3 numbers"),
     (lambda: jp.RandomRecord(RECORDS, weights=(0, 0, 0)), "with a positive sum"),

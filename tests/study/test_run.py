@@ -401,8 +401,8 @@ test_bad_arguments_are_named = refusals(
     ({"n": 0}, "n = 0 must be a positive whole number"),
     ({"n": 2**31 + 1}, "n = 2147483649 must be at most 2,147,483,648 for plain"),
     ({"scenarios": jp.paper.structures()}, "scenarios = .* must be of type ScenarioSet"),
-    ({"sampling": "halton"}, "sampling = 'halton' must be 'plain' or 'sobol'"),
-    ({"key": -1}, "key = -1 must be from 0"),
+    ({"sampling": "halton"}, "sampling = 'halton' must be one of plain, sobol"),
+    ({"key": -1}, "key = -1 must be a whole number from 0"),
     ({"key": "seed"}, "key = 'seed' must be a whole number or a key"),
     ({"key": jax.random.key(3, impl="rbg")}, "key of kind rbg must be of kind threefry2x32"),
     ({"chunk_size": 0}, "chunk_size = 0 must be a positive whole number"),
@@ -445,6 +445,6 @@ test_questions_that_make_no_sense_are_refused = refusals(
     (lambda: linear().required_gap(0.0), "probability = 0 must be between 0 and 1"),
     (lambda: linear().required_gap(0.1, 95), "required_gap: confidence = 95 must be between"),
     (lambda: linear().separation(1.0), "separation: probability = 1 must be between 0 and 1"),
-    (lambda: linear().correlations(kind="fancy"), "kind = 'fancy' must be 'rank' or 'linear'"),
+    (lambda: linear().correlations(kind="fancy"), "kind = 'fancy' must be one of rank, linear"),
     (lambda: linear().in_si(3.0), "scales = 3.0 must be of type Scales"),
 )

@@ -31,7 +31,7 @@ def test_of_some_samples_that_are_all_the_others_are_not_there():
     columns = {name: found[name][those] for name in (*BELOW, "min_gap", "pounds")}
     for name, x in columns.items():
         mine, of = some.moments(name), statistics.Moments.of(x)
-        assert mine[3:] == of[3:]
+        assert mine[3:5] == of[3:5]
         assert (mine.mean, mine.std) == pytest.approx((of.mean, of.std))
     k, n = np.sum(columns["required_gap"] > 0.5), those.sum()
     exact = stats.binomtest(int(k), int(n)).proportion_ci(method="exact")

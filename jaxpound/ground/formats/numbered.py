@@ -1,4 +1,4 @@
-"""COSMOS V1.20 and SMC, whose headers keep count or interval among numbers.
+"""PEER's AT2, COSMOS V1.20 and SMC, whose headers keep count or interval among numbers.
 
 Sources: "COSMOS strong motion data format, version 1.20" (2001); the USGS's description of SMC.
 """
@@ -10,8 +10,33 @@ from collections.abc import Sequence
 
 from jaxpound.ground.formats import rows
 from jaxpound.ground.formats.layout import Layout
-from jaxpound.ground.formats.statements import Stated, Statement, interval, rate
-from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine
+from jaxpound.ground.formats.statements import Stated, Statement, interval, rate, state_numbers
+from jaxpound.ground.formats.text import NUMBER, MisreadError, TextLine, plain, shown
+
+_PEER_LINE = re.compile(r"(?!\s*(?:#|%|//))(?=.*\bDT\b).*\bNPTS\b", re.I)
+_NUMBERS_FIRST = re.compile(rf"\s*({NUMBER})[ ,]{{1,3}}({NUMBER})[ ,]{{1,3}}NPTS,? ?DT(.*)", re.I)
+
+
+def _state_peer(header: Sequence[TextLine], stated: Stated) -> None:
+    """Replace what the header states by what the line of NPTS and DT does."""
+    number, text = next(line for line in header if _PEER_LINE.match(line.text))
+    in_order = _NUMBERS_FIRST.sub(r"NPTS = \1, DT = \2 \3", plain(text))
+    stated.counts.clear()
+    stated.intervals.clear()
+    state_numbers([TextLine(number, in_order)], stated)
+    if not (stated.counts and stated.intervals):
+        rule = "must state NPTS, a positive whole number, and DT > 0, in s or ms"
+        raise MisreadError(number, f"{shown(text.strip())} {rule}")
+
+
+PEER = Layout(
+    name="PEER AT2",
+    signature=_PEER_LINE.pattern,
+    component=r"(?!.*NPTS)[^,]*,[^,]*,.*?([^,(\s][^,(]{0,11}?) *(?:\([^()]*\) *)?$",
+    state=_state_peer,
+    behind=_PEER_LINE.pattern,
+    history=True,
+)
 
 _COSMOS_REALS = re.compile(
     r" *\d+ +Real-header values follow on +(\d+) lines, Format *= *\((\d+)[FE](\d+)", re.I

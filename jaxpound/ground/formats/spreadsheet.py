@@ -21,7 +21,7 @@ _INSTANT = re.compile(
     r"(?:Z|[-+][0-9]{2}:?[0-9]{2})?(?=[\s,;]|$)"
 )
 _VALUES = re.compile(rf"(?:[\s,;]+{NUMBER})+[\s,;]*")
-_OF_NUMBERS = re.compile(r"[-+0-9.,;eE \t]*[0-9][-+0-9.,;eE \t]*")
+_OF_NUMBERS = re.compile(r"(?=[-+.,;eE \t]*+[0-9])[-+0-9.,;eE \t]++")
 _WITH_COMMA = re.compile(r"[-+]?(?:[0-9]{1,3}(?:\.[0-9]{3})+|[0-9]*),[0-9]+(?:[eE][-+]?[0-9]+)?")
 _THOUSANDS = r"[-+]?[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]*"
 _QUOTED_THOUSANDS = re.compile(rf"\s*{_THOUSANDS}(?:[eE][-+]?[0-9]+)?\s*")

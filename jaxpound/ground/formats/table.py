@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from jaxpound.ground.formats import at2, blocks, columns, json_events, knet, numbered, units
+from jaxpound.ground.formats import blocks, columns, json_events, knet, numbered, units
 from jaxpound.ground.formats.layout import Channel, Layout
 from jaxpound.ground.formats.spreadsheet import in_plain_form
 from jaxpound.ground.formats.statements import Stated, Statement
@@ -100,7 +100,7 @@ LAYOUTS = (
         state=_state_length,
     ),
     Layout(name="ESM", signature="EVENT_NAME:", component=r"STREAM: *(\S+)", behind="USER5:"),
-    at2.LAYOUT,
+    numbered.PEER,
     Layout(
         name="columns",
         component=r".*\b(?:component|componente|composante|komponente|canal|channel|orientation|"

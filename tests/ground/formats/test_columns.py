@@ -137,3 +137,8 @@ def test_one_column_of_times_or_of_an_index_is_refused(write, column):
     assert_refuses(path, 1, "the only column rises evenly .* must hold accelerations", dt=0.005)
     for few in ("0.00\n0.01\n0.02\n0.03\n", "0\n10\n20\n30\n"):
         assert_refuses(write(few), 1, "rises evenly", dt=0.01)
+
+
+def test_a_long_line_is_read_in_proportion_to_its_length(write):
+    """Half a million characters with a letter at the end; a quarter of their square is a day."""
+    assert_refuses(write("1,2 " * 125_000 + "x\n" + "0.1,0.2\n" * 30), 1, "'x' must be a finite")
