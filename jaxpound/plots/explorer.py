@@ -37,7 +37,6 @@ from jaxpound.results.response import Response
 from jaxpound.scenarios.random_ground import WAVELET_KINDS
 from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.units import Scales
 
 
 def _panels(response: Response) -> list[tuple[str, str, list[Curve]]]:
@@ -123,7 +122,7 @@ class Explorer:
     ``structures`` are the single pair to begin with, dimensionless; ``ground`` is a ``Ricker``
     motion, whose wavelets get sliders, or a ``Record`` (in units of g and 1/ω1), which gets one for
     its strength. About a thousand instants of ``grid`` are fast enough to be redrawn live.
-    ``scales`` shows results in SI units; the sliders stay dimensionless.
+    ``Scales.to_si(explorer.response)`` is the response in SI units.
 
     An ``ImportError`` if ipywidgets is not installed; a ``ValueError`` if an argument is of another
     kind, or the first run is invalid. Where a choice breaks a rule (τf above τx, a step above the
@@ -136,7 +135,6 @@ class Explorer:
         ground: Ricker | Record,
         grid: TimeGrid,
         scheme: Scheme = Scheme(),
-        scales: Scales | None = None,
     ) -> None:
         widgets = require("Explorer", "ipywidgets")
         from jaxpound.plots.sliders import ExactSlider, even_marks, ratio_marks
@@ -146,12 +144,10 @@ class Explorer:
         require_time_unit("Explorer: ground", ground)
         instance("Explorer", "grid", grid, TimeGrid)
         instance("Explorer", "scheme", scheme, Scheme)
-        if scales is not None:
-            instance("Explorer", "scales", scales, Scales)
         if any(np.ndim(leaf) for leaf in jax.tree.leaves(structures)):
             raise InvalidInput("Explorer", "structures", "", "must be a single pair, not a batch")
         self._first, self._ground = jax.tree.map(float, structures), ground
-        self._grid, self._scheme, self._scales = grid, scheme, scales
+        self._grid, self._scheme = grid, scheme
         self._panels: LivePanels | None = None
 
         self.sliders: dict[str, Any] = {}
@@ -219,8 +215,6 @@ class Explorer:
         else:
             ground = value["strength"] * ground
         response = simulate(structures, ground, self._grid, self._scheme)
-        if self._scales is not None:
-            response = self._scales.to_si(response)
         self._panels = self._panels or LivePanels(response)
         self.picture.value = self._panels.png(response)
         self.words.value = _in_words(response)
@@ -239,11 +233,11 @@ class Explorer:
 
 
 def _in_words(response: Response) -> str:
-    d, si, phases = response.demand, response.si, len(response.phases())
-    length, second = (f" {unit(kind, si)}".replace(" 1/", "/") for kind in ("length", "time"))
+    d, phases = response.demand, len(response.phases())
+    length, second = (f" {unit(kind, False)}".replace(" 1/", "/") for kind in ("length", "time"))
     pounds = " <b>The buildings pound.</b>" if d.pounds else ""
     if d.pounds and d.links[0].n_impacts is not None:
-        n, lost = int(d.n_impacts), f"{d.contact_work:.3g} {unit('energy', si)}"
+        n, lost = int(d.n_impacts), f"{d.contact_work:.3g} {unit('energy', False)}"
         pounds = f" <b>The buildings pound {n} time{'s' * (n != 1)}</b> and lose {lost}."
     return (
         f"min gap {d.min_gap:.4g}{length} at t = {d.min_gap_time:.4g}{second}; "

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import instance, number, real
+from jaxpound._checks import number, real
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown
 from jaxpound.ground.measure import Measure
@@ -40,6 +40,7 @@ class DemandColumns(Columnar, Shown):
     _moments: Mapping[str, Moments]
     _parts: Callable[..., Iterable[np.ndarray]]
     scales: Scales | None = None
+    """What converts the stored numbers to SI units; None of dimensionless columns."""
     weighting: Weighting | None = None
     """The weights of the samples; None if all count the same."""
 
@@ -89,11 +90,6 @@ class DemandColumns(Columnar, Shown):
         n_masses, rods, links, *tuned = self.about["topology"]
         rods, links = (tuple((i, j) for i, j in ends) for ends in (rods, links))
         return Topology(n_masses, rods, links, *map(tuple, tuned))
-
-    def in_si(self, scales: Scales) -> Self:
-        """The same study in SI units."""
-        instance("Study.in_si", "scales", scales, Scales)
-        return dataclasses.replace(self, scales=scales)
 
     def unit(self, name: str) -> str:
         """Unit of a column; empty for pure numbers and for user-defined columns."""

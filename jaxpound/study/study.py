@@ -57,9 +57,9 @@ class Study(DemandColumns):
     some with a law of contact, ``peak_contact``, ``peak_impulse`` and ``peak_penetration``.
 
     Columns of a store are read one by one, so that n may exceed the memory. Runs that failed are
-    NaN and left out of all statistics. Columns are dimensionless as in eq. (9), or in SI units if
-    there are ``scales``, which do not convert measures and the scenarios' parameters. As a table
-    (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each sample.
+    NaN and left out of all statistics. Columns of ``Buildings`` are in SI units, else dimensionless
+    as in eq. (9). As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each
+    sample.
 
     ``first_impact_time`` is infinite in runs without an impact, ``first_yield_time_1`` in those
     without a yield. Their moments, quantiles and correlations are those of the runs with one, of
