@@ -35,6 +35,7 @@ IN_SI = jp.DesignSpace(
     jp.Buildings(BLOCKS, jp.floor_links(BLOCKS, friction=5e4, gap=0.1)),
     {"links.0.friction": (0.0, 1.0), "buildings.0.mass": (2e5, 1e6)},
 )
+START_IN_SI = {"links.0.friction": 0.25, "buildings.0.mass": 4e5}
 # An earthquake of the stand-in is a number: the amplitude of its wave.
 AMPLITUDES = np.linspace(-0.2, 0.2, 8)
 ENSEMBLE = jp.Ensemble.of([jp.Ricker(a, [1.0], [1.0]) for a in AMPLITUDES], GRID)
@@ -310,7 +311,7 @@ def test_si_units_are_those_of_the_demands():
 
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
 def test_limits_and_penalties_are_in_si_units_too(stand_in):
-    found = search(LIMITED, IN_SI)
+    found = search(LIMITED, IN_SI, start=START_IN_SI)
     assert found.trained.si
     assert "(SI)" in repr(found.trained)
     shown = assert_shown(found)
