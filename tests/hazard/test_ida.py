@@ -220,7 +220,7 @@ test_wrong_arguments_are_named = refusals(
     ({"demand": "peak_x9", "threshold": 1.0}, "unknown demand 'peak_x9'"),
     ({"threshold": 0.0}, "threshold = 0 must be above 0, what the demand is without shaking"),
     ({"structures": PAIR.dimensionless()[0]}, "structures = Row must be jp.Buildings, as records"),
-    ({"records": [IN_UNITS]}, "records = .* must be in seconds, as Buildings are"),
+    ({"records": [IN_UNITS]}, r"records: Record\(.* must be in seconds, as Buildings are"),
     ({"records": "folder"}, "records = 'folder' must be a RecordSuite or records|Record"),
     of=lambda changed: analysed(**changed),
     before="^(incremental_dynamic_analysis|RecordSuite): .*",
