@@ -123,10 +123,20 @@ class Buildings:
         """The buildings in the form of eq. (9), and the ``scales`` that bring results back to SI.
 
         Raises ``ValueError`` if a contact law is user-defined: its numbers' units are not known.
+
+        Examples
+        --------
+        >>> left, right = (jp.Building.from_period(m, 0.9, 0.05) for m in (500e3, 400e3))
+        >>> pair = jp.Buildings((left, right), (jp.FloorLink(0, 0, friction=200e3, gap=0.10),))
+        >>> row, scales = pair.dimensionless()
+        >>> round(float(row.links[0].friction), 4)  # in units of m1 g
+        0.0408
+        >>> round(float(row.links[0].gap * scales.length), 6)  # back in m
+        0.1
         """
         scales, links = self.scales, list[FloorLink]()
-        options: Any = {"scales": scales, "convert": operator.truediv}
-        law_in_units = partial(law_in_other_units, "Buildings.dimensionless", **options)
+        owner, convert = "Buildings.dimensionless", operator.truediv
+        law_in_units = partial(law_in_other_units, owner, scales=scales, convert=convert)
         for k, link in enumerate(self.links):
             laws = {x: law_in_units(f"links.{k}.{x}", getattr(link, x)) for x in _LAWS}
             friction, gap = link.friction / scales.force, link.gap / scales.length

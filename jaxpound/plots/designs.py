@@ -12,11 +12,10 @@ from jaxpound._errors import InvalidInput
 from jaxpound.design.design import Comparison, Design, Landscape
 from jaxpound.design.elasticity import Elasticities
 from jaxpound.design.pareto import ParetoFront
-from jaxpound.model.system import in_si
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes, shade
 from jaxpound.results.named import kind_and_symbol
-from jaxpound.units import SI_UNITS
+from jaxpound.units import result_units
 
 
 @in_house_style
@@ -99,9 +98,9 @@ def landscape(
 
 def _variable_axis(design: Design, path: str, largest: float) -> tuple[float, str]:
     """Factor and name of a variable on an axis; in SI, of a design of ``Buildings``, its unit."""
-    if not in_si(design.space.nominal):
+    if (units := result_units(design.space.nominal)) is None:
         return 1.0, house.parameter_name(path)
-    return house.parameter_axis(path, SI_UNITS, largest)
+    return house.parameter_axis(path, units, largest)
 
 
 def _violation_with_the_design(

@@ -48,6 +48,11 @@ class DemandColumns(Columnar, Shown):
         return sum(map(len, self.rows))
 
     @property
+    def si(self) -> bool:
+        """Whether columns are in SI units."""
+        return self.scales is not None
+
+    @property
     def indices(self) -> np.ndarray:
         """Indices of the samples, shape (n,)."""
         return np.concatenate(self.rows)
@@ -73,8 +78,8 @@ class DemandColumns(Columnar, Shown):
     @property
     def demand(self) -> Demand:
         """All demands as a batch."""
-        si, columns = self.scales is not None, {name: self[name] for name in self.columns}
-        return dataclasses.replace(Demand.of_columns(columns, si=si), topology=self.stored_topology)
+        demand = Demand.of_columns({name: self[name] for name in self.columns}, si=self.si)
+        return dataclasses.replace(demand, topology=self.stored_topology)
 
     @property
     def stored_topology(self) -> Topology | None:
@@ -93,7 +98,7 @@ class DemandColumns(Columnar, Shown):
 
     def unit(self, name: str) -> str:
         """Unit of a column; empty for pure numbers and for user-defined columns."""
-        return unit(self._quantity(self._column(name)), self.scales is not None)
+        return unit(self._quantity(self._column(name)), self.si)
 
     def measure(self, name: str) -> Measure:
         """The measure of intensity that a column holds, as far as it is known.

@@ -51,7 +51,7 @@ def test_min_gap_s_histogram_and_distribution(found, ax, legible):
     moments = types.SimpleNamespace(smallest=-0.1, largest=0.1)
     few = {"finite": columns.__getitem__, "moments": lambda column: moments, "weighting": None}
     few |= {"stored_topology": None}
-    ax = plots.min_gap(types.SimpleNamespace(**few, scales=SCALES, columns=(*columns,)), new_axes())
+    ax = plots.min_gap(types.SimpleNamespace(**few, si=True, columns=(*columns,)), new_axes())
     assert "min = gap at rest: 30 %" in legend(ax)
     legible(ax.figure, ax.get_legend().texts)
 
