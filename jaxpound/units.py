@@ -150,8 +150,6 @@ class Scales:
         Raises ``ValueError`` if it is in SI units already.
         """
         instance("Scales.to_si", "result", result, Response, Demand)
-        if result.si and self is SI_UNITS:
-            return result
         if result.si:
             raise ValueError("to_si: result must be dimensionless, but is in SI units already")
         units = self.units
