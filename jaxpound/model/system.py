@@ -106,8 +106,10 @@ class Link:
     """
 
     ends: AnyEnds = static()
-    friction: Any = parameter(r"\mu", "force", "friction", least=0, default=0.0)
-    gap: Any = parameter(r"\xi_0", "length", "gap at rest", least=0, finite=False, default=np.inf)
+    friction: Any = parameter(r"\mu", "force", "friction", least=0, usual=(0, 1.5), default=0.0)
+    gap: Any = parameter(
+        r"\xi_0", "length", "gap at rest", least=0, finite=False, usual=(0, 3), default=np.inf
+    )
     contact: ContactLaw | Newton | None = part(
         ContactLaw, Newton, NoneType, traced=True, default=None
     )
