@@ -16,14 +16,21 @@ _WINGS += ("reliability", "hazard", "design")
 _MODULES = {"contact": "model.contact"} | {wing: wing for wing in (*_WINGS, "paper", "plots")}
 
 _NAMES = {  # of modules outside these packages
-    **dict.fromkeys(("Buildings", "dimensionless"), "buildings"),
     **dict.fromkeys(("InvalidInput", "PlausibilityWarning"), "_errors"),
     **dict.fromkeys(("in_chunks", "use_cores"), "_xla.batches"),
     **dict.fromkeys(("keep_programs", "use_loop_kernels"), "_xla.programs"),
+    "Buildings": "buildings",
     "Scales": "units",
     "STANDARD_GRAVITY": "quantities",
     "TimeGrid": "grid",
     "__version__": "_version",
+}
+
+_FORMER = {  # names of earlier versions, and what takes their place
+    "dimensionless": "Buildings((left, right), (FloorLink(0, 0, …),)).dimensionless()",
+    "dimensionless_row": "Buildings(buildings, links).dimensionless()",
+    "simulate_buildings": "simulate(Buildings((left, right), links), record)",
+    "simulate_row": "simulate(Buildings(buildings, links), record)",
 }
 
 
@@ -43,6 +50,7 @@ def __getattr__(name: str) -> object:
         if name in wing.__all__:
             return globals().setdefault(name, getattr(wing, name))
     message = f"module {__name__!r} has no attribute {name!r}"
+    message += f"; it is now {_FORMER[name]}" if name in _FORMER else ""
     raise AttributeError(message, name=name, obj=sys.modules[__name__])
 
 

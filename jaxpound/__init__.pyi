@@ -19,7 +19,6 @@ from ._xla.batches import use_cores as use_cores
 from ._xla.programs import keep_programs as keep_programs
 from ._xla.programs import use_loop_kernels as use_loop_kernels
 from .buildings import Buildings as Buildings
-from .buildings import dimensionless as dimensionless
 from .design import *
 from .grid import TimeGrid as TimeGrid
 from .ground import *

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import Any
 
-from jaxpound._checks import enforce, instance, is_traced, not_negative, positive_number
-from jaxpound._errors import InvalidInput, warn
+from jaxpound._checks import enforce, instance, is_traced, positive_number
+from jaxpound._errors import warn
 from jaxpound._fields import parameter, part, pytree_dataclass, ranges, unchecked
 from jaxpound.model.building import Building
-from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.plausibility import FRICTION, GAP, doubts
 from jaxpound.model.row import FloorLink, LinkLabels, Row, by_face, require_floors, require_heights
 from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
-from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import System, as_tuple, is_closable
 from jaxpound.quantities import STANDARD_GRAVITY
-from jaxpound.units import Scales, law_in_other_units, with_known_units
+from jaxpound.units import Scales, law_in_other_units
 
 _LAWS = ("contact", "damper", "velocity_friction", "inerter")  # of a link, all with units
 
@@ -31,7 +28,7 @@ class Buildings:
 
     ``simulate``, ``monte_carlo`` and all others that take structures take them: records are then in
     g and s, wavelets in m and s, functions of t in m/s², time grids in s, gaps and thresholds in m
-    and N, and so are all results. Warns as ``dimensionless``, of all floors and links.
+    and N, and so are all results.
 
     Raises ``ValueError`` if a known value breaks its rule or is beyond what any building has, or a
     link names a building or floor that does not exist, or joins floors at different heights without
@@ -47,6 +44,15 @@ class Buildings:
         after Hertz). ``floor_links`` makes them for every common floor.
     gravity
         g > 0, m/s²: the unit of records.
+
+    Warns
+    -----
+    PlausibilityWarning
+        If masses of floors differ by more than a factor of 100, a natural period is not within 0.05
+        and 10 s, a slip force or a strength is out of proportion to the weights, a gap is more than
+        five times what the buildings move at an acceleration of 1 g, or a contact is so soft or
+        hard that its stiffness is hardly in N/m (N/m^1.5 after Hertz). Not of traced numbers and
+        batches.
 
     Examples
     --------
@@ -96,14 +102,7 @@ class Buildings:
     @property
     def doubts(self) -> list[str]:
         """What is implausible in buildings that are not traced; it was warned of."""
-        if is_traced(self):
-            return []
-        links = [
-            replace(x, contact=with_known_units(x.contact), damper=with_known_units(x.damper))
-            for x in self.links
-        ]
-        form = Buildings.of("Buildings", self.buildings, links, self.gravity).dimensionless()
-        return doubts(*form)
+        return [] if is_traced(self) else doubts(self)
 
     @property
     def natural_frequencies(self) -> tuple[float, ...]:
@@ -113,7 +112,8 @@ class Buildings:
     @property
     def scales(self) -> Scales:
         """The scales of the dimensionless form, which the first building's first storey sets."""
-        return _scales_of(storeys_of(self.buildings[0])[0], self.gravity)
+        storey = storeys_of(self.buildings[0])[0]
+        return Scales(storey.mass, (storey.stiffness / storey.mass) ** 0.5, self.gravity)
 
     def system(self) -> System:
         """Masses (kg), rods (N/m, s) and links (N, m), building by building."""
@@ -123,11 +123,27 @@ class Buildings:
         """The buildings in the form of eq. (9), and the ``scales`` that bring results back to SI.
 
         Raises ``ValueError`` if a contact law is user-defined: its numbers' units are not known.
+
+        Examples
+        --------
+        >>> left, right = (jp.Building.from_period(m, 0.9, 0.05) for m in (500e3, 400e3))
+        >>> pair = jp.Buildings((left, right), (jp.FloorLink(0, 0, friction=200e3, gap=0.10),))
+        >>> row, scales = pair.dimensionless()
+        >>> round(float(row.links[0].friction), 4)  # in units of m1 g
+        0.0408
+        >>> round(float(row.links[0].gap * scales.length), 6)  # back in m
+        0.1
         """
-        owner, scales = "Buildings.dimensionless", self.scales
+        scales, links = self.scales, list[FloorLink]()
+        owner, convert = "Buildings.dimensionless", operator.truediv
+        law_in_units = partial(law_in_other_units, owner, scales=scales, convert=convert)
+        for k, link in enumerate(self.links):
+            laws = {x: law_in_units(f"links.{k}.{x}", getattr(link, x)) for x in _LAWS}
+            friction, gap = link.friction / scales.force, link.gap / scales.length
+            links.append(replace(link, friction=friction, gap=gap, **laws))
         stiffness = storeys_of(self.buildings[0])[0].stiffness
         row = self.row_in(scales.mass, stiffness, scales.frequency, scales.length)
-        return Row(row.buildings, scaled_links(self.links, scales, owner, operator.truediv)), scales
+        return Row(row.buildings, tuple(links)), scales
 
     def row_in(self, mass: Any, stiffness: Any, frequency: Any, length: Any = 1.0) -> Row:
         """The row in units of a mass, kg, stiffness, N/m, frequency, rad/s, and of rods' length, m.
@@ -136,91 +152,3 @@ class Buildings:
         """
         buildings = tuple(in_units(x, mass, stiffness, frequency, length) for x in self.buildings)
         return unchecked(Row, buildings=buildings, links=self.links)
-
-
-def dimensionless(
-    building_1: Building,
-    building_2: Building,
-    friction_force: Any,
-    gap: Any,
-    gravity: Any = STANDARD_GRAVITY,
-    contact: ContactLaw | Newton | None = None,
-) -> tuple[AdjacentStructures, Scales]:
-    """Dimensionless structures of two buildings, and the scales that bring results back to SI.
-
-    The form is that of eq. (9) (paper, eq. 8). Raises ``ValueError`` if a known value breaks its
-    rule, or is beyond what any building has: a unit is wrong.
-
-    Parameters
-    ----------
-    building_1, building_2, friction_force, gap, gravity, contact
-        Slip force of the damper ≥ 0, N, gap at rest ≥ 0, m, gravity g > 0, m/s², and the law of
-        contact, its stiffness in N/m, or N/m^1.5 for laws after Hertz; None lets the buildings pass
-        through each other. Building 1 sets the scales.
-
-    Warns
-    -----
-    PlausibilityWarning
-        If masses of floors differ by more than a factor of 100, a natural period is not within 0.05
-        and 10 s, a slip force is out of proportion to the weights, a gap is more than five times
-        what the buildings move at an acceleration of 1 g, or a contact is so soft or hard that its
-        stiffness is hardly in N/m (N/m^1.5 after Hertz). Not of traced numbers and batches.
-
-    Examples
-    --------
-    >>> left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
-    >>> right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
-    >>> structures, scales = jp.dimensionless(left, right, friction_force=200e3, gap=0.10)
-    >>> round(float(structures.mass_ratio), 4), round(float(structures.friction), 4)
-    (1.25, 0.0408)
-    >>> round(float(structures.initial_gap * scales.length), 6)  # back in m
-    0.1
-    """
-    form = pair_of("dimensionless", (building_1, building_2), friction_force, gap, contact, gravity)
-    warn("dimensionless", doubts(*form), strict=False)
-    return form
-
-
-def scaled_links(
-    links: Iterable[FloorLink], scales: Scales, owner: str, convert: Callable[[Any, Any], Any]
-) -> tuple[FloorLink, ...]:
-    """Links whose forces and lengths are divided by their units, or multiplied."""
-    in_units = partial(law_in_other_units, owner, scales=scales, convert=convert)
-    scaled = []
-    for k, link in enumerate(links):
-        laws = {x: in_units(f"links.{k}.{x}", getattr(link, x)) for x in _LAWS}
-        friction, gap = convert(link.friction, scales.force), convert(link.gap, scales.length)
-        scaled.append(replace(link, friction=friction, gap=gap, **laws))
-    return tuple(scaled)
-
-
-def _scales_of(storey: Building, gravity: Any) -> Scales:
-    return Scales(storey.mass, (storey.stiffness / storey.mass) ** 0.5, gravity)
-
-
-def pair_of(
-    owner: str, pair: tuple[Any, Any], friction_force: Any, gap: Any, contact: Any, gravity: Any
-) -> tuple[AdjacentStructures, Scales]:
-    """``dimensionless`` for the function ``owner``, which itself says what is implausible."""
-    for i, building in enumerate(pair, 1):
-        instance(owner, f"building_{i}", building, Building)
-        if building.hysteresis is not None:
-            rule = "must be None: Buildings((left, right), links) takes buildings that yield"
-            raise InvalidInput(owner, f"building_{i}.hysteresis", "", rule)
-    left, right = pair
-    friction_force, gap = not_negative(owner, friction_force=friction_force, gap=gap)
-    between = [FRICTION.of("friction_force", friction_force), GAP.of("gap", gap)]
-    enforce(owner, [*between, *ranges(contact, "contact.")])
-    scales = _scales_of(left, gravity)
-    law = law_in_other_units(owner, "contact", contact, scales, operator.truediv)
-    link = friction_force / scales.force, gap / scales.length, law
-    return pair_in(left, right, *link, scales.frequency), scales
-
-
-def pair_in(
-    left: Building, right: Building, friction: Any, gap: Any, contact: Any, frequency: Any
-) -> AdjacentStructures:
-    """A pair whose relaxation times are in units of a frequency, rad/s; the link's as they are."""
-    rods = left.zener(frequency), right.zener(frequency)
-    ratios = left.mass / right.mass, right.stiffness / left.stiffness
-    return AdjacentStructures(*rods, *ratios, friction, gap, contact)

@@ -23,7 +23,7 @@ from jaxpound.model.hysteresis import YieldingZener, before_yield, hysteresis_of
 from jaxpound.model.parameters import put
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.structures import AdjacentStructures
-from jaxpound.model.system import Rod, Structures, gravity_of
+from jaxpound.model.system import Rod, Structures, in_si
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.demand import Demand
 from jaxpound.results.response import Response
@@ -97,7 +97,7 @@ class Scales:
     def buildings(self, structures: AdjacentStructures) -> tuple[Building, Building, Any, Any]:
         """Dimensionless structures in SI: both buildings, slip force (N) and gap (m).
 
-        The inverse of ``dimensionless``, for these scales; ``contact_to_si`` has the contact law.
+        ``contact_to_si`` has the contact law.
         """
         instance("Scales.buildings", "structures", structures, AdjacentStructures)
         s, stiffness = structures, self.mass * self.frequency**2
@@ -150,8 +150,6 @@ class Scales:
         Raises ``ValueError`` if it is in SI units already.
         """
         instance("Scales.to_si", "result", result, Response, Demand)
-        if result.si and self is SI_UNITS:
-            return result
         if result.si:
             raise ValueError("to_si: result must be dimensionless, but is in SI units already")
         units = self.units
@@ -169,16 +167,9 @@ class Scales:
 SI_UNITS = Scales(mass=1.0, frequency=1.0, gravity=1.0)  # of numbers in SI units already
 
 
-def scales_for(owner: str, structures: Structures, scales: Scales | None) -> Scales | None:
-    """The scales of a function's results: the caller's, or ``SI_UNITS`` for ``Buildings``."""
-    if scales is not None:
-        instance(owner, "scales", scales, Scales)
-    if gravity_of(structures) is None:
-        return scales
-    if scales not in (None, SI_UNITS):
-        rule = "must be None: Buildings are in SI units, and so are their results"
-        raise InvalidInput(owner, "scales", repr(scales), rule)
-    return SI_UNITS
+def result_units(structures: Structures) -> Scales | None:
+    """The units of results in SI, which those of ``Buildings`` are in; None of others."""
+    return SI_UNITS if in_si(structures) else None
 
 
 def law_in_other_units(
@@ -195,7 +186,6 @@ def law_in_other_units(
     units, numbers = scales.units, walk(law, Parameter)
     changes = {path: convert(x, units[p.kind]) for path, p, x in numbers if p.kind}
     if isinstance(law, Rod):
-        changes["stiffness"] = convert(law.stiffness, units["stiffness"])
         material = material_in(law.material, convert(1.0, scales.time))
         law = dataclasses.replace(law, material=material)
     return put(law, changes)

@@ -11,6 +11,9 @@ import pytest
 import jaxpound as jp
 from jaxpound.design.problem import DesignProblem
 from jaxpound.ground.run_input import as_run
+from jaxpound.model.system import in_si, without_contact
+from jaxpound.quantities import unit
+from jaxpound.results.named import kind_of
 from jaxpound.study.gaps import double_difference_correlation
 from tests.model.test_system import KnownCushion
 from tests.refusals import refusals, refused
@@ -128,10 +131,13 @@ def test_a_study_is_in_si(tmp_path):
     row, scales, grid = scaled(PAIR)
     uncertain = {"links.0.friction": jp.Uniform(50e3 / scales.force, 150e3 / scales.force)}
     scenarios = jp.Scenarios(jp.UncertainStructures(row, uncertain), random_ground(scales))
-    expected = jp.monte_carlo(scenarios, 48, grid, key=3, scales=scales, progress=False)
+    expected = jp.monte_carlo(scenarios, 48, grid, key=3, progress=False)
     for name in expected.columns:
-        np.testing.assert_allclose(study[name], expected[name], rtol=1e-7, atol=1e-9)
-        assert study.unit(name) == expected.unit(name)
+        converted = expected[name] * scales.unit_of(kind_of(name))
+        np.testing.assert_allclose(study[name], converted, rtol=1e-7, atol=1e-9)
+        assert (study.unit(name), expected.unit(name)) == tuple(
+            unit(kind_of(name), si) for si in (True, False)
+        )
     assert 50e3 < study["links.0.friction"].min() < study["links.0.friction"].max() < 150e3
     assert all(words in str(study) for words in ("m/s²", "(SI)"))
     rules, correlation = study.separation(0.1), double_difference_correlation(0.9, 0.05, 0.6, 0.05)
@@ -158,6 +164,8 @@ def test_rare_events_have_thresholds_in_metres_and_the_same_design_points():
     np.testing.assert_allclose(slopes * metre, expected_slopes, rtol=1e-6, atol=1e-9)
     assert state.time_step == pytest.approx(expected.grid.dt)
     options = {"method": "design points", "key": 1, "progress": False, "max_runs": 768}
+    touching = jp.LimitState(jp.Scenarios(linked(contact=LAW), noise), grids[0], threshold=0.11)
+    np.testing.assert_allclose(touching.values(z), state.values(z), rtol=1e-9)  # it is left out
     event, expected = (jp.rare_event(*case, **options) for case in cases)
     assert len(event.instants) == len(expected.instants) > 5
     assert event.probability == pytest.approx(expected.probability, rel=1e-6)
@@ -181,38 +189,48 @@ def test_a_design_has_bounds_and_limits_in_newtons_and_metres():
     limits = {"damper_force": jp.Limit(300e3), "peak_x1": jp.Limit(0.2)}
     row, scales, grid = scaled(PAIR)
 
-    def problem_of(structures, most, ground, grid, *scales):
+    def problem_of(structures, most, ground, grid):
         space = jp.DesignSpace(structures, {"links.0.friction": (0.0, most)})
         ensemble = jp.Ensemble.drawn(jp.Scenarios(structures, ground), 8, key=1)
-        how = jp.Scheme(), jp.Objective(limits=limits)
-        return DesignProblem(space, ensemble, grid, *how, *scales)
+        return DesignProblem(space, ensemble, grid, jp.Scheme(), jp.Objective(limits=limits))
 
     problem = problem_of(PAIR, 400e3, random_ground(), GRID)
     most = 400e3 / float(scales.force)
-    same = problem_of(row, most, random_ground(scales), grid, scales)
+    same = problem_of(row, most, random_ground(scales), grid)
     share = np.array([0.6])
     columns, expected = (x.evaluate(share, x.ensemble) for x in (problem, same))
     assert columns.keys() == expected.keys()
     for name, values in columns.items():
-        np.testing.assert_allclose(values, expected[name], rtol=1e-7, atol=1e-9)
+        converted = expected[name] * scales.unit_of(kind_of(name))
+        np.testing.assert_allclose(values, converted, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(columns["damper_force"], 240e3)
 
 
-def test_records_of_a_suite_need_no_scales():
+def test_runs_of_a_suite_are_those_of_the_dimensionless_form():
     records = [RECORD, jp.Record(1.5 * RECORD.samples[::-1], 0.02, "backwards")]
-    options = {"intensities": [0.1, 0.3], "progress": False}
-    stripes = jp.multiple_stripes(PAIR, records, **options)
-    row, scales, _ = scaled(PAIR)
-    expected = jp.multiple_stripes(row, records, scales=scales, **options)
-    np.testing.assert_allclose(stripes.demands, expected.demands, rtol=1e-6)
-    assert str(stripes) == str(expected)
+    stripes = jp.multiple_stripes(POUNDING, records, GRID, intensities=[0.1, 0.3], progress=False)
+    row, scales, grid = scaled(PAIR)
+    for pga, closings in zip(stripes.intensities, stripes.demands, strict=True):
+        for record, closing in zip(records, closings, strict=True):
+            shaking = scales.to_dimensionless(record.scaled_to_pga(pga))
+            run = jp.demand(row, shaking, grid, only=("min_gap",))
+            gap = row.links[0].gap - run.min_gap
+            assert closing == pytest.approx(float(gap * scales.length), rel=1e-6)
+    assert "required gap (m)" in str(stripes)
+
+
+def test_without_contact_structures_stay_what_they_are():
+    for structures in (POUNDING, scaled(POUNDING)[0], POUNDING.system()):
+        passing = without_contact(structures)
+        assert type(passing) is type(structures)
+        assert in_si(passing) == in_si(structures)
+        assert passing.system().links[0].contact is None
+        assert passing.system().links[0].gap == structures.system().links[0].gap
 
 
 BOTH, ROD = (LEFT, RIGHT), jp.paper.structures().rod_2
-SCENARIOS = jp.Scenarios(PAIR, random_ground())
 DIMENSIONLESS = jp.Record(RECORD.samples, 0.02, time_unit="1/ω1")
 NOISE = jp.FilteredNoise(jp.KanaiTajimi(15.0, 0.6), 100, 0.02, intensity=0.1)
-SCALED = partial(jp.monte_carlo, SCENARIOS, 8, GRID, scales=jp.Scales(500e3, 7.0))
 OF_STRUCTURES = "must be in units of 1/ω1, as the structures are.*Buildings takes it unchanged"
 OF_LINKS = "floor_links: buildings = .* must be a tuple; .* its field buildings has each building"
 SEVERAL = r"Buildings\(\(left, right\), links\) makes"
@@ -220,7 +238,6 @@ test_errors_name_the_argument = refusals(
     (jp.demand, PAIR, DIMENSIONLESS, GRID, "must be in seconds, as Buildings are"),
     (jp.demand, jp.paper.structures(), RECORD, GRID, OF_STRUCTURES),
     (jp.Scenarios, PAIR, NOISE, "Scenarios: ground: .*must be in seconds"),
-    (SCALED, r"monte_carlo: scales = Scales.* must be None: Buildings are in SI units"),
 )
 test_buildings_name_the_argument = refusals(
     ((), (), r"buildings = \(\) must hold at least one"),

@@ -177,6 +177,8 @@ def test_public_names_are_documented_and_hidden_by_no_module():
     with pytest.raises(AttributeError, match="module 'jaxpound' has no attribute 'simulat'") as e:
         jp.simulat  # noqa: B018
     assert (e.value.name, e.value.obj) == ("simulat", jp)  # whence Python's "Did you mean"
+    with pytest.raises(AttributeError, match=r"'simulate_row'; it is now simulate\(Buildings\("):
+        jp.simulate_row  # noqa: B018
     for name in jp.__all__:
         thing = getattr(jp, name)
         if callable(thing) or name == "paper":

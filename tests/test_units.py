@@ -20,7 +20,6 @@ from tests.refusals import refusals, refused
 BUILDING_1 = jp.Building(2.0e5, 8.0e6, 0.4, 0.01, 0.15)
 BUILDING_2 = jp.Building(1.3e5, 9.0e6, 0.7, 0.02, 0.20)
 SLIP_FORCE, GAP = 6.0e4, 0.05
-SYSTEM = {"building_1": BUILDING_1, "building_2": BUILDING_2, "friction_force": 1.0, "gap": 0.1}
 DT, N_SAMPLES = 0.01, 500
 
 masses, stiffnesses, orders = log_uniform(1.0, 1e7), log_uniform(1.0, 1e10), st.floats(0.01, 1.0)
@@ -37,8 +36,13 @@ def ground(gravity=jp.STANDARD_GRAVITY, sign=1.0):
     return jp.Record(sign * shaking / gravity, DT, "sweep", units="g")
 
 
-def run(building_1, building_2, friction_force, gap, gravity=jp.STANDARD_GRAVITY, sign=1.0):
-    structures, scales = jp.dimensionless(building_1, building_2, friction_force, gap, gravity)
+def dimensionless(first, second, friction, gap, gravity=jp.STANDARD_GRAVITY, contact=None):
+    link = jp.FloorLink(0, 0, friction=friction, gap=gap, contact=contact)
+    return jp.Buildings((first, second), (link,), gravity).dimensionless()
+
+
+def run(building_1, building_2, friction, gap, gravity=jp.STANDARD_GRAVITY, sign=1.0):
+    structures, scales = dimensionless(building_1, building_2, friction, gap, gravity)
     record = scales.to_dimensionless(ground(gravity, sign))
     response = jp.simulate(structures, record, scales.grid(5.0, 0.01))
     return response, scales, scales.to_si(response)
@@ -58,23 +62,30 @@ def assert_close(actual, expected, rel):
 def test_dimensionless_system_by_hand():
     first = jp.Building(mass=4, stiffness=16, order=0.5, tau_f=0.1, tau_x=3)
     second = jp.Building(mass=2, stiffness=8, order=1, tau_f=0.2, tau_x=1.5)
-    structures, scales = jp.dimensionless(first, second, friction_force=10, gap=5, gravity=10)
+    row, scales = dimensionless(first, second, friction=10, gap=5, gravity=10)
+    system = row.system()
+    (rod_1, rod_2), (link,) = system.rods, system.links
     # ω1 = 2, so time is in 1/2 s, length in 10/4 m, force in 40 N.
     assert (scales.frequency, scales.time, scales.length, scales.force) == (2.0, 0.5, 2.5, 40.0)
     assert (scales.mass, scales.gravity) == (4.0, 10.0)
-    assert (structures.mass_ratio, structures.stiffness_ratio) == (2.0, 0.5)
-    assert (structures.friction, structures.initial_gap) == (0.25, 2.0)
-    assert structures.rod_1.tau_f == pytest.approx(0.1 * 2**0.5, rel=1e-15)
-    assert structures.rod_1.tau_x == pytest.approx(3 * 2**0.5, rel=1e-15)
-    assert (structures.rod_1.order, structures.rod_2.order) == (0.5, 1.0)
+    assert (system.masses, rod_1.stiffness, rod_2.stiffness) == ((1.0, 0.5), 1.0, 0.5)
+    assert (link.friction, link.gap) == (0.25, 2.0)
+    assert rod_1.material.tau_f == pytest.approx(0.1 * 2**0.5, rel=1e-15)
+    assert rod_1.material.tau_x == pytest.approx(3 * 2**0.5, rel=1e-15)
+    assert (rod_1.material.order, rod_2.material.order) == (0.5, 1.0)
     # Both rods are timed by building 1: τ̄ = τ ω1^β.
-    assert (structures.rod_2.tau_f, structures.rod_2.tau_x) == (0.4, 3.0)
+    assert (rod_2.material.tau_f, rod_2.material.tau_x) == (0.4, 3.0)
 
 
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")  # of any period
 @given(buildings, buildings, log_uniform(1.0, 1e7), st.floats(0, 1), st.floats(1, 20))
 def test_buildings_survive_the_round_trip_with_their_periods(first, second, force, gap, gravity):
-    structures, scales = jp.dimensionless(first, second, force, gap, gravity)
+    row, scales = dimensionless(first, second, force, gap, gravity)
+    system = row.system()
+    (mass_1, mass_2), (rod_1, rod_2), (link,) = system.masses, system.rods, system.links
+    ratios = mass_1 / mass_2, rod_2.stiffness / rod_1.stiffness
+    between = *ratios, link.friction, link.gap
+    structures = jp.AdjacentStructures(rod_1.material, rod_2.material, *between)
     *back, same_force, same_gap = scales.buildings(structures)
     vibrations = zip(structures.natural_frequencies, structures.damping_ratios, strict=True)
     for before, after, (omega, zeta) in zip((first, second), back, vibrations, strict=True):
@@ -92,8 +103,8 @@ LAWS += [jp.HertzDamped(3e9, 0.65, "ye"), jp.Jankowski(3e9, 0.65)]
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 def test_a_contact_law_keeps_its_force_in_other_units(law):
-    structures, scales = jp.dimensionless(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP, contact=law)
-    other = structures.contact
+    row, scales = dimensionless(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP, contact=law)
+    other = row.links[0].contact
     assert jax.tree.structure(other) == jax.tree.structure(law)
     back = scales.contact_to_si(other)
     assert jax.tree.leaves(back) == pytest.approx(jax.tree.leaves(law), rel=1e-14)
@@ -123,14 +134,14 @@ def test_contact_stiffness_goes_with_the_scales_and_units_of_other_laws_are_not_
             refused(rf"Scales.contact_to_.*: law = .* {rule}", convert, law)
         for law in (3.0, jp.Newton, BUILDING_1):
             refused(r"law = .* must be of type ContactLaw or Newton", convert, law)
-    own = SYSTEM | {"contact": KnownCushion(1.0)}
-    refused(f"^dimensionless: contact = .* {rule}", jp.dimensionless, **own)
+    own = partial(dimensionless, BUILDING_1, BUILDING_2, 6e4, 0.1, contact=KnownCushion(1.0))
+    refused(rf"^Buildings\.dimensionless: links\.0\.contact = .* {rule}", own)
 
 
 def test_dimensionless_is_differentiable_and_batched():
     def friction(mass):
         building = dataclasses.replace(BUILDING_1, mass=mass)
-        return jp.dimensionless(building, BUILDING_2, SLIP_FORCE, GAP)[0].friction
+        return dimensionless(building, BUILDING_2, SLIP_FORCE, GAP)[0].links[0].friction
 
     # μ = F / (m1 g)
     expected = SLIP_FORCE / (2e5 * jp.STANDARD_GRAVITY)
@@ -140,19 +151,21 @@ def test_dimensionless_is_differentiable_and_batched():
     np.testing.assert_allclose(batch, [expected, expected / 2], rtol=1e-14)
 
 
-test_dimensionless_refuses_bad_values = refusals(
-    ({"building_1": None}, "building_1 = None must be of type Building"),
-    ({"building_2": 3.0}, r"building_2 = 3\.0 must be of type Building"),
-    ({"friction_force": -1.0}, "friction_force = -1 must be finite and not negative"),
-    ({"friction_force": "x"}, "friction_force = 'x' must be a real number"),
-    ({"gap": -0.1}, r"gap = -0\.1 must be finite and not negative"),
-    ({"gap": np.nan}, "gap = nan must be finite"),
+test_buildings_and_their_links_refuse_bad_values = refusals(
+    ({"first": None}, r"buildings\.0 = None must be of type ShearBuilding or Building"),
+    ({"second": 3.0}, r"buildings\.1 = 3\.0 must be of type ShearBuilding or Building"),
+    ({"friction": -1.0}, "friction = -1 must be finite and not negative"),
+    ({"friction": "x"}, "friction = 'x' must be a real number"),
+    ({"gap": -0.1}, r"gap = -0\.1 must be not negative"),
+    ({"gap": np.nan}, "gap = nan must be"),
     ({"gap": [0.1, -0.2]}, r"gap = -0\.2 \(at index \[1\]\)"),
     ({"gap": None}, "gap = None must be a real number"),
     ({"gravity": 0}, "gravity = 0 must be positive and finite"),
     ({"gravity": "g"}, "gravity = 'g' must be a real number"),
     ({"contact": 0.65}, r"contact = 0\.65 must be of type ContactLaw or Newton or None"),
-    of=lambda changes: jp.dimensionless(**(SYSTEM | changes)),
+    of=lambda changes: dimensionless(
+        **{"first": BUILDING_1, "second": BUILDING_2, "friction": 6e4, "gap": 0.1, **changes}
+    ),
 )
 
 test_building_refuses_bad_values = refusals(
@@ -203,7 +216,7 @@ def test_unattainable_damping_is_refused_with_the_largest_or_spoils_the_run():
     @jax.jit
     def smallest_gap(damping):
         building = jp.Building.from_period(1e5, 1.0, damping)
-        structures, _ = jp.dimensionless(building, building, 0.0, 0.05)
+        structures, _ = dimensionless(building, building, 0.0, 0.05)
         return jp.demand(structures, jp.Ricker(0.1, 2.0, 1.0), jp.TimeGrid(0.02, 50)).min_gap
 
     assert jnp.isfinite(smallest_gap(0.05))
@@ -313,7 +326,7 @@ def test_gap_ground_energies_and_phases_are_in_si_and_not_converted_twice():
 
 
 def test_batches_of_results_are_converted():
-    structures, scales = jp.dimensionless(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP)
+    structures, scales = dimensionless(BUILDING_1, BUILDING_2, SLIP_FORCE, GAP)
     grid, shaking = scales.grid(0.5, 0.01), scales.to_dimensionless(ground())
 
     def respond(factor):

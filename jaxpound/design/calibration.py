@@ -22,7 +22,7 @@ from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import unseen
 from jaxpound.ground.run_input import as_pytree, require_time_unit
 from jaxpound.model.hysteresis import hysteresis_of
-from jaxpound.model.system import Structures, System, gravity_of, is_closable
+from jaxpound.model.system import Structures, System, in_si, is_closable
 from jaxpound.quantities import unit
 from jaxpound.results.elements import of_link
 from jaxpound.results.impacts import MOST, ImpactSeries
@@ -31,7 +31,6 @@ from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme, imprecise, single_system
 from jaxpound.study.rod_tests import CyclicTest, cyclic_test
 from jaxpound.study.statistics import Estimate
-from jaxpound.units import Scales, scales_for
 
 _AT_BOUND = 1e-4  # of the way between the bounds
 _TOLERANCES: dict[str, Any] = {"xtol": 1e-10, "ftol": 1e-12, "gtol": 1e-12}  # of a fit
@@ -74,9 +73,9 @@ class Calibration(Shown):
 
     def _tables(self) -> list[TextTable]:
         kinds = measurables(self.structures.system()) | {"force": "force"}
-        si = gravity_of(self.structures) is not None
+        si = in_si(self.structures)
         units = "SI" if si else "dimensionless"
-        noise_units = {x: unit(kinds[x], getattr(self.response, "si", si)) for x in self.noise}
+        noise_units = {x: unit(kinds[x], si) for x in self.noise}
         if isinstance(self.response, CyclicTest) and not si:
             units, noise_units = "units of the test", {"force": "of the test"}
         columns = (f"parameter ({units})", "estimate")
@@ -101,7 +100,6 @@ def calibrate(
     starts: int = 4,
     key: int = 0,
     confidence: float = 0.95,
-    scales: Scales | None = None,
     strict: bool = False,
 ) -> Calibration:
     """The parameters that fit measured series best (``scipy.optimize.least_squares``).
@@ -132,8 +130,6 @@ def calibrate(
         See ``design_damper``; the fit with the smallest sum of squares is returned.
     confidence
         Confidence level of the intervals.
-    scales
-        For measurements in SI units.
     """
     owner = "calibrate"
     instance(owner, "space", space, DesignSpace)
@@ -141,15 +137,13 @@ def calibrate(
     instance(owner, "scheme", scheme, Scheme)
     system = single_system(owner, space.nominal)
     data = _data(owner, measured, grid, measurables(system))
-    scales = scales_for(owner, space.nominal, scales)
-    require_time_unit("ground", ground, si=gravity_of(space.nominal) is not None)
+    require_time_unit("ground", ground, si=in_si(space.nominal))
     shaking = as_pytree(ground, grid)
     if strict:  # before the time for the fit is spent
         warn(owner, unseen(ground, grid, strict=strict) + imprecise(system, grid, shaking), strict)
 
     def run(structures: Any, last: bool = False) -> Response:
-        response = simulate(structures, shaking, grid, scheme, strict=strict and last)
-        return response if scales is None else scales.to_si(response)
+        return simulate(structures, shaking, grid, scheme, strict=strict and last)
 
     options = data, noise, start, starts, key, confidence
     return _calibrated(owner, space, run, partial(_series, data=data), *options)

@@ -21,7 +21,7 @@ from jaxpound.design.search import Iterate, SearchResult
 from jaxpound.design.space import DesignSpace
 from jaxpound.model.places import link_places
 from jaxpound.model.row import checked_floors
-from jaxpound.model.system import gravity_of
+from jaxpound.model.system import in_si
 from jaxpound.model.topology import Topology, WeightedMasses, masses_of
 from jaxpound.quantities import unit
 from jaxpound.reliability.result import RareEvent
@@ -332,7 +332,7 @@ class Design(Shown):
         title = f"Design by start {self.winner + 1} of {self.history.objective.shape[1]}"
         title += f": objective {self.objective:.6g}{symbol and f' {symbol}'}"
         title += f" ({self.stopped}, {self.simulations:,} runs with gradient)"
-        units = "dimensionless" if gravity_of(self.space.nominal) is None else "SI"
+        units = "SI" if in_si(self.space.nominal) else "dimensionless"
         columns = (f"variable ({units})", "before", "after", "change", "")
         tables = [TextTable(title, columns, variables, notes)]
         limits = []

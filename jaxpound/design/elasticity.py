@@ -19,7 +19,7 @@ from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import excessive, first_of, of_many, unseen
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.parameters import get, paths, put
-from jaxpound.model.system import Structures, gravity_of
+from jaxpound.model.system import Structures, gravity_of, in_si
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import in_words, unit_of
 from jaxpound.simulation.scheme import Scheme, imprecise, single_system
@@ -124,5 +124,5 @@ def elasticities(
             rule = "must be finite, which single precision and very strong motions may prevent"
             raise InvalidInput(owner, f"derivative of {demand} by {path}", f"{slope:.6g}", rule)
     relative = {path: float(x * slopes[path] / abs(y)) for path, x in variables.items()}
-    about = gravity_of(structures) is not None, structures.system().topology
+    about = in_si(structures), structures.system().topology
     return Elasticities(demand, float(y), parameters, relative, *about)

@@ -133,11 +133,11 @@ class Objective:
 
     Notes
     -----
-    All are dimensionless, or in SI units where the design is given scales. Demands that
-    can be limited or penalised are ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its
-    slip force), ``peak_x1``, ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``,
-    ``residual_offset`` (its absolute value), ``slip_distance`` and ``friction_work``; with a law of
-    contact also ``peak_contact``, ``peak_impulse``, ``peak_penetration``, ``contact_work`` and
+    All are in SI units of ``Buildings``, else dimensionless. Demands that can be limited or
+    penalised are ``peak_f1``, ``peak_f2`` (base shear), ``damper_force`` (its slip force),
+    ``peak_x1``, ``peak_x2``, ``peak_acceleration_1``, ``peak_acceleration_2``, ``residual_offset``
+    (its absolute value), ``slip_distance`` and ``friction_work``; with a law of contact also
+    ``peak_contact``, ``peak_impulse``, ``peak_penetration``, ``contact_work`` and
     ``soft_peak_contact``. Those of a ``Row`` or ``System`` are numbered by its masses, rods and
     links (if there are several): ``peak_x3``, ``peak_f5``, ``peak_drift_2`` (of a storey between
     two floors), ``slip_distance_2``, ``damper_force_2``. Of several dampers there is also

@@ -24,7 +24,6 @@ from jaxpound.model.system import Structures
 from jaxpound.quantities import unit
 from jaxpound.results.named import in_words, limited_demands, unit_of
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.units import Scales
 
 if TYPE_CHECKING:
     from optax import GradientTransformation
@@ -78,7 +77,6 @@ def pareto_front(
     key: int = 0,
     iterations: int = 100,
     optimiser: GradientTransformation | None = None,
-    scales: Scales | None = None,
     progress: bool = True,
 ) -> ParetoFront:
     """The best objective for every limit on a demand, from loose to tight.
@@ -89,7 +87,7 @@ def pareto_front(
 
     Parameters
     ----------
-    space, ensemble, grid, scheme, objective, start, starts, key, iterations, optimiser, scales
+    space, ensemble, grid, scheme, objective, start, starts, key, iterations, optimiser
         See ``design_damper``.
     price, over
         Name of the demand to be limited, and its statistic (see ``Limit``); the objective must not
@@ -121,7 +119,7 @@ def pareto_front(
         bar.set_postfix({"objective": best}, refresh=False)
 
     options = SearchOptions(starts, key, iterations, optimiser, callback=report, progress=False)
-    designer = Designer(DesignProblem(space, ensemble, grid, scheme, limited, scales), options)
+    designer = Designer(DesignProblem(space, ensemble, grid, scheme, limited), options)
     # Shown with the first iterations, so that an error message has no bar beside it.
     with tqdm(unit=" iterations", disable=not progress, delay=0.1) as bar:
 

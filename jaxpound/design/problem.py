@@ -21,13 +21,12 @@ from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, Scaled
 from jaxpound.ground.run_input import require_time_unit
-from jaxpound.model.system import Link, common_gap, gravity_of, is_closable
+from jaxpound.model.system import Link, common_gap, gravity_of, in_si, is_closable
 from jaxpound.reliability.result import RareEvent
 from jaxpound.results.elements import of_link
 from jaxpound.results.named import inertances, limited_demands, limited_values, viscous_forces
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
-from jaxpound.units import Scales, scales_for
 
 OWNER = "design_damper"
 
@@ -89,16 +88,14 @@ class DesignProblem:
     grid: TimeGrid
     scheme: Scheme
     objective: Objective
-    scales: Scales | None = None
 
     def __post_init__(self) -> None:
         kinds = (DesignSpace, Ensemble, TimeGrid, Scheme, Objective)
-        for field, kind in zip(dataclasses.fields(self), kinds, strict=False):
+        for field, kind in zip(dataclasses.fields(self), kinds, strict=True):
             instance(OWNER, field.name, getattr(self, field.name), kind)
         nominal = self.space.nominal
         single_system(OWNER, nominal)
-        object.__setattr__(self, "scales", scales_for(OWNER, nominal, self.scales))
-        require_time_unit(f"{OWNER}: ensemble", self.ensemble, si=gravity_of(nominal) is not None)
+        require_time_unit(f"{OWNER}: ensemble", self.ensemble, si=self.si)
         self.space.require_certain(OWNER, self.ensemble.uncertain)
         owner, objective, goal = f"{OWNER}: objective", self.objective, self.objective.goal
         of_goal = [goal.demand] if isinstance(goal, LeastDemand) else []
@@ -123,6 +120,11 @@ class DesignProblem:
             if goal.gap is not None and gap is None:
                 rule = "must be left out where gaps at rest differ: it is then of those gaps"
                 raise InvalidInput(owner, "PoundingProbability: gap", "", rule)
+
+    @property
+    def si(self) -> bool:
+        """Whether all numbers are in SI units, as the structures are."""
+        return in_si(self.space.nominal)
 
     def first_grounds(self, n: int) -> Ground:
         """The first n ground motions, in g."""
@@ -157,13 +159,7 @@ class DesignProblem:
         response, system = demand(structures, ground, self.grid, self.scheme), structures.system()
         gaps = [system.links[k].gap for k in self._closable]
         frictions = [link.friction for link in system.links]
-        amounts: Any = frictions, viscous_forces(system), inertances(system)
-        if (scales := self.scales) is not None:
-            response = scales.to_si(response)
-            gaps = [x * scales.length for x in gaps]
-            units = scales.force, scales.force, scales.mass
-            of_kinds = zip(amounts, units, strict=True)
-            amounts = [[x * unit for x in of_kind] for of_kind, unit in of_kinds]
+        amounts = frictions, viscous_forces(system), inertances(system)
         columns = limited_values(system, response, *amounts)
         if gaps:
             columns |= {"initial_gap": sum(gaps) / len(gaps)}

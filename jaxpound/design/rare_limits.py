@@ -30,7 +30,6 @@ from jaxpound.model.system import Structures
 from jaxpound.reliability.limit_state import LimitState
 from jaxpound.reliability.result import RAREST, RareEvent
 from jaxpound.reliability.run import event_of
-from jaxpound.results.named import kind_of
 from jaxpound.scenarios.scenarios import ScenarioSet, discrete_coordinates, parameter_names
 
 TOLERANCE = 0.1  # relative excess over a limit on a probability that is tolerated
@@ -84,11 +83,9 @@ def limit_states(problem: DesignProblem) -> dict[str, LimitState]:
         if limit.most < RAREST:
             rule = f"must be at least {RAREST:g}"
             raise InvalidInput(place, "probability", f"{limit.most:.8g}", rule)
-        if (at_most := limit.at_most) is not None and problem.scales is not None:
-            at_most /= float(problem.scales.unit_of(kind_of(name)))
         scenarios = DesignScenarios(ensemble.scenarios, nominal, tuple(ensemble.uncertain))
         try:
-            states[name] = LimitState(scenarios, problem.grid, problem.scheme, name, at_most)
+            states[name] = LimitState(scenarios, problem.grid, problem.scheme, name, limit.at_most)
         except ValueError as error:
             raise ValueError(f"{place}: {error}") from error
     return states

@@ -23,11 +23,9 @@ from jaxpound.design.search import Progress, SearchOptions, search_once
 from jaxpound.design.space import DesignSpace, start_shares
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import first_of, of_many
-from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import Structures
 from jaxpound.simulation.scheme import Scheme, imprecise
 from jaxpound.study.demands import unreached
-from jaxpound.units import Scales
 
 if TYPE_CHECKING:
     from optax import GradientTransformation
@@ -56,7 +54,6 @@ def design_damper(
     patience: int = 40,
     tolerance: float = 1e-4,
     limit_tolerance: float = 1e-3,
-    scales: Scales | None = None,
     fresh: int | Ensemble | None = 1000,
     save: str | PathLike[str] | None = None,
     callback: Callable[[Progress], Any] | None = None,
@@ -71,9 +68,9 @@ def design_damper(
     excess; if the file holds another search or is damaged. ``OSError`` if it cannot be written to.
 
     Warns with ``PlausibilityWarning`` before the search: if, of the first 256 earthquakes, more
-    than 1 % are not resolved by the grid (see ``simulate``) or, where there are scales or records,
-    have a PGA above 5 g; if contact is run in single precision; if the gap of a link is more than
-    100 times the displacements at its ends (peak |x1| + peak |x2|) of the first start.
+    than 1 % are not resolved by the grid (see ``simulate``) or, in SI or of records, have a PGA
+    above 5 g; if contact is run in single precision; if the gap of a link is more than 100 times
+    the displacements at its ends (peak |x1| + peak |x2|) of the first start.
 
     Parameters
     ----------
@@ -106,8 +103,6 @@ def design_damper(
         improved by ``tolerance`` times the mean required gap, or the minimised demand.
     limit_tolerance
         Relative excess over a limit that is tolerated.
-    scales
-        For an objective in SI units.
     fresh
         Earthquakes that were not used in the search, on which the design is evaluated: their number
         (if the ensemble is drawn), an ensemble, or None.
@@ -131,7 +126,7 @@ def design_damper(
     >>> round(design.values["friction"], 2)  # all that the limit allows
     0.3
     """
-    problem = DesignProblem(space, ensemble, grid, scheme, objective, scales)
+    problem = DesignProblem(space, ensemble, grid, scheme, objective)
     search = (starts, key, iterations, optimiser, batch, patience, tolerance, limit_tolerance)
     options = SearchOptions(*search, save, callback, progress, polish)
     return Designer(problem, options, strict).design(start, fresh=fresh)
@@ -155,7 +150,7 @@ class Designer:
         require_memory(OWNER, "starts", options.starts, size)
         self.states = limit_states(problem)
         grounds = problem.first_grounds(first_of(n, problem.grid))
-        unresolved = of_many(grounds, problem.grid, in_g=problem.scales is not None)
+        unresolved = of_many(grounds, problem.grid, in_g=problem.si)
         findings = imprecise(problem.space.nominal.system(), problem.grid, grounds)
         warn(OWNER, findings + unresolved, strict)
         steps = optax.cosine_decay_schedule(0.2, options.iterations)
@@ -180,8 +175,7 @@ class Designer:
         before = problem.evaluate(first, problem.ensemble)
         topology = problem.space.nominal.system().topology
         extremes = {name: (float(x.min()), float(x.max())) for name, x in before.items()}
-        pair, si = isinstance(problem.space.nominal, AdjacentStructures), problem.scales is not None
-        warn(OWNER, unreached(topology, extremes, pair=pair, si=si), self.strict)
+        warn(OWNER, unreached(topology, extremes, si=problem.si), self.strict)
         data = problem.data(before, options.limit_tolerance, options.key, limits)
         search = partial(search_in_rounds, self.states) if self.states else search_once
         result = search(self.lagrangian, options, data, first)
@@ -217,7 +211,7 @@ class Designer:
             multipliers=dict(zip(limits_of, (size * multipliers).tolist(), strict=True)),
             limit_tolerance=options.limit_tolerance,
             simulations=(iterations * options.starts + result.polishing) * self.lagrangian.batch,
-            trained=Comparison(before, after, function, si, topology),
+            trained=Comparison(before, after, function, problem.si, topology),
             fresh=None,
             _first=first,
             _problem=problem,

@@ -32,6 +32,7 @@ STOPPED_BY_CALLBACK = "the callback ended it"
 _SAVE_EVERY = 20  # iterations, or
 _SAVE_AFTER = 5.0  # seconds: of a row an iteration may take as long
 _FORMAT = 2  # of the file
+_ANEW = "move it away to begin anew"
 # The name of an array by its path: ``State.scaled``, ``Iterate.best.merit``.
 _name = partial(jax.tree_util.keystr, simple=True, separator=".")
 
@@ -178,7 +179,7 @@ class Descent:
     def _identity(self, state: SearchState) -> dict[str, Any]:
         """All that determines the numbers of a search."""
         data, problem = self.data, self.lagrangian.problem
-        of_problem = ("space", "objective", "grid", "scheme", "scales")
+        of_problem = ("space", "objective", "grid", "scheme")
         leaves = jax.tree.leaves((data.grounds, data.uncertain))
         return {
             **{name: describe(getattr(problem, name)) for name in of_problem},
@@ -247,11 +248,10 @@ class SavedSearch:
                 rule = ""
                 if not isinstance(about, dict) or about.get("format") != _FORMAT:
                     rule = "holds no search, or one of another version of jaxpound"
-                    rule += "; move it away to begin anew"
                 elif differing := [name for name, x in identity.items() if about.get(name) != x]:
                     rule = f"holds another search: {', '.join(differing)} differs"
                 if rule:
-                    raise InvalidInput(OWNER, "save", str(self.path), rule)
+                    raise InvalidInput(OWNER, "save", str(self.path), f"{rule}; {_ANEW}")
                 (n,) = archive.read("iterations", (1,), np.int64).tolist()
                 all_of = jax.tree.map(lambda x: jax.ShapeDtypeStruct((n, *x.shape), x.dtype), one)
                 stored = jax.tree.map_with_path(
@@ -261,7 +261,7 @@ class SavedSearch:
         except FileNotFoundError:
             return state, []
         except DamagedError as error:
-            rule = f"holds no search, or a damaged one ({error}); move it away to begin anew"
+            rule = f"holds no search, or a damaged one ({error}); {_ANEW}"
             raise InvalidInput(OWNER, "save", str(self.path), rule) from error
         rows = [jax.tree.map(lambda x, i=i: x[i], stored["Iterate"]) for i in range(n)]
         return stored["State"], rows

@@ -12,16 +12,15 @@ from jaxtyping import ArrayLike
 from jaxpound._checks import Rule, array, enforce, positive, positive_number
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
+from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.hazard.capacities import CensoredRegression, regression
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
-from jaxpound.model.system import Structures
 from jaxpound.model.topology import Topology
 from jaxpound.results import named
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility
-from jaxpound.units import Scales
 
 _LEAST_SIGMA = 1e-9  # below it σ is the rounding of a power law
 
@@ -166,7 +165,7 @@ def fit_cloud(
 
 @resumable("store")
 def cloud_analysis(
-    structures: Structures,
+    structures: Buildings,
     records: Any,
     grid: TimeGrid | None = None,
     *,
@@ -174,7 +173,6 @@ def cloud_analysis(
     demand: DemandSpec = REQUIRED_GAP,
     threshold: float | None = None,
     limit: float | None = None,
-    scales: Scales | None = None,
     scheme: Scheme = Scheme(),
     strict: bool = False,
     store: str | PathLike[str] | None = None,
@@ -186,7 +184,7 @@ def cloud_analysis(
 
     Parameters
     ----------
-    structures, records, grid, measure, demand, threshold, scales, scheme, strict, store, progress
+    structures, records, grid, measure, demand, threshold, scheme, strict, store, progress
         As of ``incremental_dynamic_analysis``; ``threshold`` > 0, and needed where the gaps at rest
         of several links differ.
     limit
@@ -195,7 +193,7 @@ def cloud_analysis(
     owner = "cloud_analysis"
     if threshold is not None:
         positive_number(owner, threshold=threshold)
-    options = structures, records, grid, measure, demand, threshold, scales, scheme, strict
+    options = structures, records, grid, measure, demand, threshold, scheme, strict
     runs = SuiteRuns(owner, AnalysisOptions(*options), store, progress)
     if runs.demand == named.OVERLAP:
         rule = "must be a gap: those at rest of the links differ, and overlaps have no logarithm"
@@ -205,5 +203,5 @@ def cloud_analysis(
         demands = runs.demands(np.arange(len(im)), im)
     cloud = fit_cloud(im, demands, limit, measure=runs.intensity.words)
     threshold = runs.threshold if runs.threshold > 0 else None  # the gap at rest may be 0
-    about: Any = {"si": runs.si, "threshold": threshold, "topology": runs.topology}
+    about: Any = {"si": True, "threshold": threshold, "topology": runs.topology}
     return dataclasses.replace(cloud, name=runs.demand, **about)

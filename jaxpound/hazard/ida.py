@@ -13,17 +13,16 @@ from jaxtyping import ArrayLike, Float
 from jaxpound._checks import Rule, enforce, hint, number
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
+from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.hazard import suite_runs
 from jaxpound.hazard.capacities import fit_capacities
 from jaxpound.hazard.stripes import Stripes
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
-from jaxpound.model.system import Structures
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec, demand_in_words, event_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility
-from jaxpound.units import Scales
 
 FRACTILES = (0.16, 0.5, 0.84)  # shares of the records: the median and about ±β
 _MOST_ROUNDS = 60
@@ -105,7 +104,7 @@ class IncrementalDynamicAnalysis(Shown):
 
 @resumable("store")
 def incremental_dynamic_analysis(
-    structures: Structures,
+    structures: Buildings,
     records: Any,
     grid: TimeGrid | None = None,
     *,
@@ -115,7 +114,6 @@ def incremental_dynamic_analysis(
     threshold: float | None = None,
     refine: str = "bisection",
     tolerance: float = 1e-3,
-    scales: Scales | None = None,
     scheme: Scheme = Scheme(),
     strict: bool = False,
     store: str | PathLike[str] | None = None,
@@ -132,31 +130,29 @@ def incremental_dynamic_analysis(
     Parameters
     ----------
     structures
-        ``Buildings`` in SI units, or dimensionless structures, with ``scales`` for records in s.
+        ``Buildings``.
     records
-        A ``RecordSuite`` or several records: in seconds with ``scales``, else in units of 1/ω1.
+        A ``RecordSuite`` or several records, in g and s.
     grid
-        The instants of all runs; by default, for buildings with scales, as long as the longest
-        record, its step chosen for the record with the shortest interval.
+        The instants of all runs; by default as long as the longest record, its step chosen for the
+        record with the shortest interval.
     intensities
         Intensities > 0, rising, shape (k,).
     measure
-        The measure of intensity: "pga" (in g); a natural period, in s with scales or else in 1/ω1,
-        for the spectral acceleration at 5 % of damping (in g); or the intensity of each unscaled
-        record, shape (n,) (ones make it the factor), which must be proportional to its factor.
+        The measure of intensity: "pga" (in g); a natural period, s, for the spectral acceleration
+        at 5 % of damping (in g); or the intensity of each unscaled record, shape (n,) (ones make it
+        the factor), which must be proportional to its factor.
     demand
         See ``LimitState``.
     threshold
-        A record reaches it if the demand is at least as large; in SI units with scales. None, for
-        the required gap only, is pounding: the gap at rest of all links. Where they differ, the
-        demand is the overlap, the largest −ξ of any link, and the threshold 0.
+        A record reaches it if the demand is at least as large; in SI units. None, for the required
+        gap only, is pounding: the gap at rest of all links. Where they differ, the demand is the
+        overlap, the largest −ξ of any link, and the threshold 0.
     refine
         "bisection", with as many points in each bracket as fill the batch, or "newton", with the
         derivative by the intensity: fewer runs, and another program to compile.
     tolerance
         Width of the last bracket, or size of the last step of Newton's method, over the capacity.
-    scales
-        Units of the structures, for results in SI units.
     scheme, strict, progress
         See ``monte_carlo``.
     store
@@ -168,9 +164,9 @@ def incremental_dynamic_analysis(
     Raises
     ------
     ValueError
-        If an argument breaks its rule; if records are not in the structures' unit of time, or
-        together need too many steps; if the demand is unknown, or a record reaches the threshold
-        without shaking. If the store holds another analysis, with what differs.
+        If an argument breaks its rule; if records are not in s, or together need too many steps; if
+        the demand is unknown, or a record reaches the threshold without shaking. If the store holds
+        another analysis, with what differs.
     FloatingPointError
         If a run ends in numbers that are not finite; the message names record and intensity.
     OSError
@@ -186,12 +182,12 @@ def incremental_dynamic_analysis(
     --------
     >>> left = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
     >>> right = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
-    >>> pair, scales = jp.dimensionless(left, right, friction_force=0.0, gap=0.05)
+    >>> pair = jp.Buildings((left, right), (jp.FloorLink(0, 0, gap=0.05),))
     >>> t = 0.02 * np.arange(300)
     >>> burst = [0.1 * np.sin(w * t) * np.exp(-((t - 3) ** 2)) for w in (7.0, 9.0, 11.0)]
     >>> suite = jp.RecordSuite([jp.Record(a, dt=0.02) for a in burst])
     >>> ida = jp.incremental_dynamic_analysis(
-    ...     pair, suite, scales=scales, intensities=[0.1, 0.2, 0.4, 0.8], progress=False
+    ...     pair, suite, intensities=[0.1, 0.2, 0.4, 0.8], progress=False
     ... )
     >>> [round(float(x), 3) for x in ida.capacities]  # g
     [0.061, 0.066, 0.108]
@@ -206,7 +202,7 @@ def incremental_dynamic_analysis(
         raise InvalidInput(owner, "", "", rule)
     tolerance = float(number(owner, "tolerance", tolerance))
     enforce(owner, [Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "from 1e-9 to below 1")])
-    options = structures, records, grid, measure, demand, threshold, scales, scheme, strict
+    options = structures, records, grid, measure, demand, threshold, scheme, strict
     runs = SuiteRuns(owner, AnalysisOptions(*options), store, progress, levels[-1])
     n, with_zero = len(runs.suite), np.append(0.0, levels)
     with runs.bar:
@@ -227,7 +223,7 @@ def incremental_dynamic_analysis(
         runs.bar.set_postfix_str(f"{n} of {n} records")
     return IncrementalDynamicAnalysis(
         *(runs.suite.names, runs.intensity.unscaled, levels, demands[:, 1:], capacities),
-        *(runs.threshold, runs.demand, runs.intensity.words, runs.si, runs.topology),
+        *(runs.threshold, runs.demand, runs.intensity.words, True, runs.topology),
     )
 
 

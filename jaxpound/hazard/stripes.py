@@ -12,17 +12,16 @@ from jaxtyping import ArrayLike
 
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
+from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.record import Record, derived
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.hazard import suite_runs
 from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
-from jaxpound.model.system import Structures
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec, demand_in_words, event_in_words
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility, falls, fit_fragility
-from jaxpound.units import Scales
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -71,7 +70,7 @@ class Stripes(Shown):
 
 @resumable("store")
 def multiple_stripes(
-    structures: Structures,
+    structures: Buildings,
     records: Any,
     grid: TimeGrid | None = None,
     *,
@@ -79,7 +78,6 @@ def multiple_stripes(
     measure: Any = "pga",
     demand: DemandSpec = REQUIRED_GAP,
     threshold: float | None = None,
-    scales: Scales | None = None,
     scheme: Scheme = Scheme(),
     strict: bool = False,
     store: str | PathLike[str] | None = None,
@@ -94,7 +92,7 @@ def multiple_stripes(
     ----------
     records, intensities
         A suite for all intensities > 0, rising, shape (k,), or a list with one for each of them.
-    structures, grid, measure, demand, threshold, scales, scheme, strict, store, progress
+    structures, grid, measure, demand, threshold, scheme, strict, store, progress
         As of ``incremental_dynamic_analysis``; ``measure`` of several suites is "pga" or a period.
     """
     owner = "multiple_stripes"
@@ -118,11 +116,11 @@ def multiple_stripes(
     highest = np.zeros(len(merged))
     for rows, level in zip(rows_of, levels, strict=True):
         highest[rows] = level
-    options = measure, demand, threshold, scales, scheme, strict
+    options = measure, demand, threshold, scheme, strict
     analysis = AnalysisOptions(structures, tuple(merged.values()), grid, *options)
     runs = SuiteRuns(owner, analysis, store, progress, highest)
     sizes = [rows.size for rows in rows_of]
     with runs.bar:
         demands = runs.demands(np.concatenate(rows_of), np.repeat(levels, sizes))
-    about = runs.threshold, runs.demand, runs.intensity.words, runs.si, runs.topology
+    about = runs.threshold, runs.demand, runs.intensity.words, True, runs.topology
     return Stripes(levels, tuple(np.split(demands, np.cumsum(sizes)[:-1])), *about)

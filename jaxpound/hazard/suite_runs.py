@@ -19,11 +19,12 @@ from tqdm.auto import tqdm
 from jaxpound._checks import Rule, array, enforce, instance, number, positive, require_memory
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._xla.batches import in_chunks, runs_at_a_time
+from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.measure import Measure
-from jaxpound.ground.motion import DIMENSIONLESS, SECONDS
 from jaxpound.ground.plausibility import LARGE_PGA, unseen
 from jaxpound.ground.record import Record, stacked
+from jaxpound.ground.run_input import require_time_unit
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import Structures, common_gap, is_closable, without_contact
 from jaxpound.results import named
@@ -32,7 +33,6 @@ from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single_system
 from jaxpound.simulation.time_steps import record_grid
 from jaxpound.store.store import RunLog, identity, program_digest
-from jaxpound.units import SI_UNITS, Scales, scales_for
 
 _COLUMNS = ("record", "factor", "demand", "slope", "has_slope")
 _ROWS = 256  # of a file
@@ -43,19 +43,18 @@ _RunId = tuple[int, float]  # number of a record, and its factor
 class AnalysisOptions(NamedTuple):
     """The arguments that determine an analysis, in the order of all analyses."""
 
-    structures: Structures
+    structures: Buildings
     records: Any
     grid: TimeGrid | None
     measure: Any
     demand: DemandSpec
     threshold: float | None
-    scales: Scales | None
     scheme: Scheme
     strict: bool
 
     def limit(self, owner: str) -> tuple[str, float]:
         """The demand's name and threshold; those of pounding follow from the gaps at rest."""
-        name, threshold, scales = self.demand, self.threshold, self.scales
+        name, threshold = self.demand, self.threshold
         if not isinstance(name, str):
             name = getattr(name, "__name__", "demand").replace("<lambda>", "demand")
         if name == REQUIRED_GAP:
@@ -64,7 +63,7 @@ class AnalysisOptions(NamedTuple):
             if threshold is None:
                 if (gap := common_gap(self.structures)) is None:
                     return OVERLAP, 0.0
-                return REQUIRED_GAP, float(gap) * (float(scales.length) if scales else 1.0)
+                return REQUIRED_GAP, float(gap)
         elif threshold is None:
             named.require_threshold(owner, self.demand)
         limit = float(number(owner, "threshold", threshold))
@@ -73,18 +72,14 @@ class AnalysisOptions(NamedTuple):
 
     def time_grid(self, owner: str, suite: RecordSuite) -> TimeGrid:
         """The requested grid, or one as long as the longest record, for the finest samples."""
-        structures: Any = self.structures
         if self.grid is not None:
             instance(owner, "grid", self.grid, TimeGrid)
             return self.grid
-        if self.scales is None or not hasattr(structures, "natural_frequencies"):
-            rule = "must be a TimeGrid: it is chosen only for buildings with scales"
-            raise InvalidInput(owner, "grid", "None", rule)
         finest = min(suite, key=lambda record: float(record.dt))
         longest = max(suite, key=lambda record: float(record.duration))
         names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
         place, options = f"{owner}: records: {names}", (self.scheme, [*suite])
-        return record_grid(place, structures, *options, strict=self.strict)
+        return record_grid(place, self.structures, *options, strict=self.strict)
 
 
 class Intensity(NamedTuple):
@@ -118,21 +113,6 @@ def rising_intensities(owner: str, intensities: Any) -> Float[np.ndarray, " k"]:
     return levels
 
 
-def suite_to_run(owner: str, suite: RecordSuite, scales: Scales | None) -> RecordSuite:
-    """The records in the structures' unit of time."""
-    if scales is None:
-        if suite.time_unit != DIMENSIONLESS:
-            rule = f"must be given for records in {suite.time_unit}: dimensionless makes them"
-            raise InvalidInput(owner, "scales", "None", rule)
-        return suite
-    if suite.time_unit != SECONDS:
-        rule = f"must be None for records in units of {suite.time_unit}"
-        raise InvalidInput(owner, "scales", repr(scales), rule)
-    if scales is SI_UNITS:
-        return suite
-    return RecordSuite(tuple(scales.to_dimensionless(record) for record in suite))
-
-
 class SuiteRuns:
     """Compiled runs for batches of records and factors of any size, with a progress bar.
 
@@ -148,22 +128,25 @@ class SuiteRuns:
         progress: bool,
         highest: Any = None,
     ) -> None:
-        structures, scheme = options.structures, options.scheme
-        self.suite = suite = as_suite(owner, options.records)  # in the user's units
+        structures: Structures = options.structures
+        scheme = options.scheme
+        self.suite = suite = as_suite(owner, options.records)
+        if not isinstance(structures, Buildings):
+            rule = "must be jp.Buildings, as records are in g and s"
+            raise InvalidInput(owner, "structures", type(structures).__name__, rule)
         system = single_system(owner, structures)
-        scales = scales_for(owner, structures, options.scales)
-        options = options._replace(scales=scales)
         instance(owner, "scheme", scheme, Scheme)
-        scaled = suite_to_run(owner, suite, scales)
+        for record in suite:
+            require_time_unit(f"{owner}: records", record, si=True)
         grid = options.time_grid(owner, suite)
         require_stable(structures, scheme, grid.dt)
-        self.demand, self.threshold = options.limit(owner)  # in SI units if there are scales
+        self.demand, self.threshold = options.limit(owner)
         if self.demand in (REQUIRED_GAP, OVERLAP):
             structures = without_contact(structures)
         self.intensity = Intensity.of(owner, suite, options.measure)
         factors = np.ones(len(suite)) if highest is None else highest / self.intensity.unscaled
         findings = imprecise(structures.system(), grid, factors)
-        for record in scaled:
+        for record in suite:
             findings += unseen(record, grid, strict=options.strict)
         if (peaks := suite.pgas * factors).max() > LARGE_PGA:
             i = int(np.argmax(peaks))
@@ -172,18 +155,15 @@ class SuiteRuns:
         warn(owner, findings, options.strict)
         require_memory(owner, "records", len(suite), len(suite) * grid.n_steps * 16)
         # Padded with zeros: the ground is at rest after a record.
-        records = stacked([*scaled])
+        records = stacked([*suite])
         system = structures.system()
+        spec = self.demand if isinstance(options.demand, str) else options.demand
 
         def value(number: Any, factor: Any) -> Any:
             """The demand of a record, by number, times a factor."""
             samples, interval = (jnp.asarray(x)[number] for x in records)
-            record = Record(samples, interval, time_unit=scaled.time_unit)
-            result = demand(structures, factor * record, grid, scheme)
-            if callable(options.demand):
-                return jnp.asarray(options.demand(scales.to_si(result) if scales else result))
-            in_unit = scales.unit_of(named.kind_of(self.demand)) if scales else 1.0
-            return named.value_of(owner, system, result, self.demand) * in_unit
+            result = demand(structures, factor * Record(samples, interval), grid, scheme)
+            return named.value_of(owner, system, result, spec)
 
         jax.eval_shape(value, 0, 1.0)
 
@@ -195,7 +175,7 @@ class SuiteRuns:
         self._finished: tuple[dict[_RunId, Any], dict[_RunId, Any]] = {}, {}
         if store is not None:
             inputs: dict[str, Any] = {"demand": self.demand, "records": records}
-            inputs |= {"structures": structures, "scales": scales, "grid": grid, "scheme": scheme}
+            inputs |= {"structures": structures, "grid": grid, "scheme": scheme}
             search = "runs of a suite", _COLUMNS, _ROWS, program_digest(value, 0, 1.0)
             self._log = RunLog(store, identity(*search, **inputs))
             columns = (self._log.rows[name].tolist() for name in _COLUMNS)
@@ -203,7 +183,7 @@ class SuiteRuns:
                 self._finished[int(has_slope)][int(record), factor] = results
         self._part = part = runs_at_a_time() // 4  # runs after which a file is written
         self._programs = in_chunks(value, part), in_chunks(with_slope, part)
-        self._owner, self.si, self.topology = owner, scales is not None, system.topology
+        self._owner, self.topology = owner, system.topology
         self.bar = tqdm(unit=" runs", disable=not progress)
         # Called with the numbers of the records before each batch.
         self.before_batch: Callable[[Int[np.ndarray, " m"]], None] = lambda rows: None

@@ -8,24 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import numpy as np
 
 from jaxpound._checks import Range, is_known_and_single
-from jaxpound._fields import unchecked
-from jaxpound.model.contact import KelvinVoigt, Newton
+from jaxpound._fields import Parameter, walk
 from jaxpound.model.hysteresis import hysteresis_of
 from jaxpound.model.places import link_places, rod_places
-from jaxpound.model.system import Link
+from jaxpound.model.system import Link, System
 from jaxpound.model.topology import GROUND, stacks
 from jaxpound.quantities import SI, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from jaxpound.model.row import Row
-    from jaxpound.model.structures import AdjacentStructures
-    from jaxpound.units import Scales
+    from jaxpound.buildings import Buildings
 
 FRICTION = Range(0, 1e10, "N", "a thousand of the strongest dampers")
 GAP = Range(0, 10, "m", "buildings farther apart do not meet")
@@ -63,22 +60,27 @@ LEAST_TOUCHING, MOST_TOUCHING = 1 / 250, 1 / 2
 times the storey's stiffness, and Hertz's of the literature, lasts 1/4 to 1/30 of it; beyond 1/2 it
 is softer than the storey. With masses in t for kg any contact lasts 1/300 or less."""
 
+_STIFFNESSES = "stiffness", "hertz stiffness"
+"""Kinds of a stiffness of contact; a law of one's own that states none is not judged."""
+
 _HERTZ = 2.9432
 """Duration of an elastic impact after Hertz, in units of its depth over its speed (Hertz 1882)."""
 
 
-def doubts(structures: AdjacentStructures | Row, scales: Scales) -> list[str]:
+def doubts(buildings: Buildings) -> list[str]:
     """The first finding of each kind: in masses, periods, strengths, slip forces, laws, gaps.
 
     Gaps are too wide if no earthquake closes them; of dimensionless structures in a run its
     displacements decide (``ground.plausibility.far_apart``).
     """
-    if (floors := _Floors.of(structures, scales)) is None:
+    system = buildings.system()
+    if (floors := _Floors.of(buildings, system)) is None:
         return []
-    links = _links(structures, scales)
-    slips = [_slip(names[0], link, floors) for names, link in links]
-    contacts = [_touching(names[2], link, floors) for names, link in links]
-    widths = [_width(names[1], link, floors) for names, link in links]
+    links = [*zip(link_places(system.topology), system.links, strict=True)]
+    slips, contacts, widths = (
+        [finding_in(f"link {place}", link, floors) for place, link in links]
+        for finding_in in (_slip, _touching, _width)
+    )
     findings = [*floors.doubts(), *_first(floors.strengths), *_first(slips), *_first(contacts)]
     # The size of masses is for those in which nothing else asks for their unit.
     return (findings or floors.size()) + _first(widths)
@@ -99,13 +101,12 @@ class _Floors(NamedTuple):
     strengths: list[str]  # a finding, or none, for each storey that yields
 
     @staticmethod
-    def of(structures: AdjacentStructures | Row, scales: Scales) -> _Floors | None:
-        """Those of structures and their scales; None if they are traced or a batch."""
-        system = structures.system()
+    def of(structures: Buildings, system: System) -> _Floors | None:
+        """Those of buildings and their system; None if they are traced or a batch."""
         inerters = [(link.ends, link.inerter) for link in system.links if link.inerter]
-        if not is_known_and_single((system.masses, system.rods, inerters, scales)):
+        if not is_known_and_single((system.masses, system.rods, inerters, structures.gravity)):
             return None
-        masses = np.array([float(mass) for mass in system.masses])
+        masses, gravity = np.array([*map(float, system.masses)]), float(structures.gravity)
         stiffnesses, moved = np.ones_like(masses), np.ones_like(masses)
         places, buildings, strengths = rod_places(system.topology), list[list[int]](), []
         with jax.ensure_compile_time_eval():  # concrete numbers, in a traced function too
@@ -113,31 +114,30 @@ class _Floors(NamedTuple):
         for building, omega in zip(stacks(system.topology), frequencies, strict=True):
             above = [mass for mass, _ in building]
             soft = np.array([float(system.rods[rod].stiffness) for _, rod in building])
-            carried = np.cumsum(masses[above][::-1])[::-1]
+            carried = gravity * np.cumsum(masses[above][::-1])[::-1]
             at_rest = np.cumsum(carried / soft)
             buildings.append(above)
-            for (_, rod), k, on_top in zip(building, soft, carried, strict=True):
+            for (_, rod), k, weight in zip(building, soft, carried, strict=True):
                 if (law := hysteresis_of(system.rods[rod].material)) is not None:
-                    force = k * float(law.yield_displacement), on_top, carried[0]
-                    strengths.append(_strength(places[rod], *(np.array(force) * scales.force)))
+                    force = k * float(law.yield_displacement)
+                    strengths.append(_strength(places[rod], force, weight, carried[0]))
             # Rods are stiffer in vibration, by Rayleigh's quotient of this shape.
             weights = masses[above] * at_rest
-            stiffer = omega**2 * (weights @ at_rest) / weights.sum()
+            stiffer = omega**2 / gravity * (weights @ at_rest) / weights.sum()
             stiffnesses[above], moved[above] = soft * stiffer, at_rest / stiffer
-        inertia = masses.copy()
+        inertias = masses.copy()
         for ends, inerter in inerters:
-            inertia[[end for end in ends if end != GROUND]] += float(inerter.inertance)
-        time, mass = float(scales.time), float(scales.mass)
+            inertias[[end for end in ends if end != GROUND]] += float(inerter.inertance)
         return _Floors(
-            weights=masses * mass * float(scales.gravity),
-            masses=masses * mass,
-            inertias=inertia * mass,
+            weights=masses * gravity,
+            masses=masses,
+            inertias=inertias,
             tuned=system.topology.tuned,
-            moved=moved * float(scales.length),
-            periods=2 * np.pi * np.sqrt(masses / stiffnesses) * time,
-            first_periods=tuple(2 * math.pi / omega * time for omega in frequencies),
+            moved=moved,
+            periods=2 * np.pi * np.sqrt(masses / stiffnesses),
+            first_periods=tuple(2 * math.pi / omega for omega in frequencies),
             buildings=buildings,
-            inertance=max((float(x.inertance) for _, x in inerters), default=0.0) * mass,
+            inertance=max((float(x.inertance) for _, x in inerters), default=0.0),
             strengths=strengths,
         )
 
@@ -189,23 +189,7 @@ def _strength(place: str, force: float, carried: float, whole: float) -> str:
     )
 
 
-def _links(
-    structures: AdjacentStructures | Row, scales: Scales
-) -> list[tuple[tuple[str, str, str], Link]]:
-    """The links in SI; before each the names of slip force, gap and law in messages."""
-    is_pair, links = not hasattr(structures, "links"), []
-    system = structures.system()
-    for place, link in zip(link_places(system.topology), system.links, strict=True):
-        names = (f"link {place}: slip force", f"link {place}: gap", f"link {place}")
-        if is_pair:
-            names = ("friction_force", "gap", "contact")
-        numbers = {"friction": link.friction * scales.force, "gap": link.gap * scales.length}
-        law = scales.contact_to_si(link.contact)
-        links.append((names, unchecked(Link, ends=link.ends, contact=law, **numbers)))
-    return links
-
-
-def _slip(name: str, link: Link, floors: _Floors) -> str:
+def _slip(place: str, link: Link, floors: _Floors) -> str:
     """A finding if the slip force is out of proportion to the weights."""
     if not is_known_and_single(link.friction):
         return ""
@@ -214,13 +198,13 @@ def _slip(name: str, link: Link, floors: _Floors) -> str:
     if not force or low <= force <= high:
         return ""
     return (
-        f"{name} = {force:.4g} N should be 0 or between {low:.4g} N, {SLIP[0] * 100:g} % of the "
-        f"lightest floor's weight, and {high:.4g} N, ten times the weight of all: is it in N, and "
-        "masses in kg?"
+        f"{place}: slip force = {force:.4g} N should be 0 or between {low:.4g} N, "
+        f"{SLIP[0] * 100:g} % of the lightest floor's weight, and {high:.4g} N, ten times the "
+        "weight of all: is it in N, and masses in kg?"
     )
 
 
-def _width(name: str, link: Link, floors: _Floors) -> str:
+def _width(place: str, link: Link, floors: _Floors) -> str:
     """A finding if the gap is out of proportion to the displacements of both its sides."""
     if not is_known_and_single(link.gap) or link.gap == np.inf:
         return ""
@@ -228,24 +212,25 @@ def _width(name: str, link: Link, floors: _Floors) -> str:
     if gap <= FAR_GAP * moved:
         return ""
     return (
-        f"{name} = {gap:.4g} m should be at most {FAR_GAP:g} times what the buildings move at an "
-        f"acceleration of 1 g, {moved:.4g} m (both its sides): is it in m?"
+        f"{place}: gap = {gap:.4g} m should be at most {FAR_GAP:g} times what the buildings move "
+        f"at an acceleration of 1 g, {moved:.4g} m (both its sides): is it in m?"
     )
 
 
-def _touching(name: str, link: Link, floors: _Floors) -> str:
+def _touching(place: str, link: Link, floors: _Floors) -> str:
     """A finding if a contact lasts too long or too short beside the floors' periods."""
-    law: Any = link.contact
-    if law is None or isinstance(law, Newton) or not is_known_and_single(law.stiffness):
+    of_law = {parameter.kind: x for _, parameter, x in walk(link.contact, Parameter)}
+    kind = next(filter(of_law.__contains__, _STIFFNESSES), "")
+    if not kind or not is_known_and_single(of_law[kind]):
         return ""
     ends = [end for end in link.ends if end != GROUND]
-    masses, stiffness = floors.masses[ends], float(law.stiffness)
+    masses, stiffness, unit = floors.masses[ends], float(of_law[kind]), SI[kind]
     mass, period = 1 / (1 / masses).sum(), floors.periods[ends[int(masses.argmin())]]
-    if isinstance(law, KelvinVoigt):
+    if kind == "stiffness":
         duration = math.pi * math.sqrt(mass / stiffness)
-        unit, advice = SI["stiffness"], "contact_stiffness computes one"
+        advice = "contact_stiffness computes one"
     else:  # of an impact at the speed that 1 g gives the lighter floor
-        unit, advice = SI["hertz stiffness"], "one in N/m is for KelvinVoigt"
+        advice = "one in N/m is for KelvinVoigt"
         speed = STANDARD_GRAVITY * period / (2 * math.pi)
         depth = (1.25 * mass * speed**2 / stiffness) ** 0.4
         duration = _HERTZ * depth / speed
@@ -253,7 +238,7 @@ def _touching(name: str, link: Link, floors: _Floors) -> str:
     if low <= duration <= high:
         return ""
     return (
-        f"{name}: stiffness = {stiffness:.4g} {unit} makes a contact last about {duration:.2g} s, "
+        f"{place}: stiffness = {stiffness:.4g} {unit} makes a contact last about {duration:.2g} s, "
         f"which should be between {low:.2g} and {high:.2g} s (1/250 and 1/2 of the lighter floor's "
         f"period on its storey): is it in {unit}, and masses in kg? {advice}"
     )

@@ -50,7 +50,7 @@ class AdjacentStructures:
     rod_2: ZenerRod = part(ZenerRod)
     mass_ratio: Any = parameter(r"\rho", above=0, usual=(0.2, 5.0))
     stiffness_ratio: Any = parameter(r"\varepsilon", above=0, usual=(0.2, 8.0))
-    friction: Any = parameter(r"\mu", "force", "friction", least=0, usual=(0.0, 1.5))
+    friction: Any = like(Link, "friction")
     initial_gap: Any = parameter(r"\xi_0", "length", "gap at rest", least=0, usual=(0.0, 3.0))
     contact: ContactLaw | Newton | None = like(Link, "contact", default=None)
 

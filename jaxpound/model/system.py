@@ -60,7 +60,7 @@ class Rod:
     """
 
     material: Any = part(ZenerRod, YieldingZener, PowerLaw, HysteresisLaw, traced=True)
-    stiffness: Any = parameter("K", words="stiffness", above=0)
+    stiffness: Any = parameter("K", "stiffness", "stiffness", above=0)
     ends: AnyEnds | None = static(default=None)
     weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
 
@@ -106,8 +106,10 @@ class Link:
     """
 
     ends: AnyEnds = static()
-    friction: Any = parameter(r"\mu", "force", "friction", least=0, default=0.0)
-    gap: Any = parameter(r"\xi_0", "length", "gap at rest", least=0, finite=False, default=np.inf)
+    friction: Any = parameter(r"\mu", "force", "friction", least=0, usual=(0, 1.5), default=0.0)
+    gap: Any = parameter(
+        r"\xi_0", "length", "gap at rest", least=0, finite=False, usual=(0, 3), default=np.inf
+    )
     contact: ContactLaw | Newton | None = part(
         ContactLaw, Newton, NoneType, traced=True, default=None
     )
@@ -181,6 +183,11 @@ class Structures(Protocol):
 def gravity_of(structures: Any) -> Any:
     """Gravity, m/s², of structures in SI units (``Buildings``); None of dimensionless ones."""
     return getattr(structures, "gravity", None)
+
+
+def in_si(structures: Any) -> bool:
+    """Whether structures, and with them all results, are in SI units (``Buildings``)."""
+    return gravity_of(structures) is not None
 
 
 @pytree_dataclass
@@ -441,4 +448,6 @@ def without_contact(structures: Structures) -> Structures:
     system = structures.system()
     if all(link.contact is None for link in system.links):
         return structures
-    return replace(system, links=tuple(replace(link, contact=None) for link in system.links))
+    linked: Any = structures if hasattr(structures, "links") else system  # of the same units
+    links = tuple(replace(link, contact=None) for link in linked.links)
+    return unchecked(type(linked), **{**vars(linked), "links": links})

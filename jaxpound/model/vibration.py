@@ -14,7 +14,7 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.ends import elongation
 from jaxpound.model.hysteresis import before_yield
-from jaxpound.model.system import Structures, gravity_of
+from jaxpound.model.system import Structures, in_si
 from jaxpound.quantities import unit
 
 _ITERATIONS = 30
@@ -114,7 +114,7 @@ def modes(structures: Structures) -> Modes:
         shapes=(shapes.T / largest)[:, order],
         eigenvalues=eigenvalues[order],
         participation=shares[order],
-        si=gravity_of(structures) is not None,
+        si=in_si(structures),
     )
 
 

@@ -15,7 +15,7 @@ from jaxpound.design.pareto import ParetoFront
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes, shade
 from jaxpound.results.named import kind_and_symbol
-from jaxpound.units import scales_for
+from jaxpound.units import result_units
 
 
 @in_house_style
@@ -98,9 +98,9 @@ def landscape(
 
 def _variable_axis(design: Design, path: str, largest: float) -> tuple[float, str]:
     """Factor and name of a variable on an axis; in SI, of a design of ``Buildings``, its unit."""
-    if (scales := scales_for("landscape", design.space.nominal, None)) is None:
+    if (units := result_units(design.space.nominal)) is None:
         return 1.0, house.parameter_name(path)
-    return house.parameter_axis(path, scales, largest)
+    return house.parameter_axis(path, units, largest)
 
 
 def _violation_with_the_design(

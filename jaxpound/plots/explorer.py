@@ -10,6 +10,7 @@ import io
 import re
 from base64 import b64encode
 from collections.abc import Iterator
+from dataclasses import replace
 from html import escape
 from typing import Any
 from unicodedata import lookup
@@ -24,20 +25,22 @@ from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput
 from jaxpound._extras import require
 from jaxpound._fields import Parameter
+from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.record import Record
 from jaxpound.ground.run_input import require_time_unit
 from jaxpound.ground.wavelets import Ricker
 from jaxpound.model import parameters
 from jaxpound.model.structures import AdjacentStructures
+from jaxpound.model.system import in_si
 from jaxpound.plots.curves import Curve, series_axis, time_label
 from jaxpound.plots.style import COLOURS, in_house_style, label, shade
 from jaxpound.quantities import unit
+from jaxpound.results.named import PAIR
 from jaxpound.results.response import Response
 from jaxpound.scenarios.random_ground import WAVELET_KINDS
 from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.units import Scales
 
 
 def _panels(response: Response) -> list[tuple[str, str, list[Curve]]]:
@@ -109,6 +112,14 @@ class LivePanels:
         return file.getvalue()
 
 
+_TABS = {  # parameters by their names; those of a law of contact together
+    "damper": ("friction", "initial_gap", "gap"),
+    "contact": ("contact",),
+    "rods": ("order", "tau_x", "tau_f"),
+    "buildings": ("mass_ratio", "stiffness_ratio", "mass", "stiffness"),
+}
+
+
 class Explorer:
     """A pair of buildings in a notebook: sliders for its parameters, and the response.
 
@@ -120,10 +131,10 @@ class Explorer:
     field beside it or set by code, also outside of the slider's range, and stays as it was set.
     Structures with a contact law have sliders for its parameters too (``"contact.stiffness"``).
 
-    ``structures`` are the single pair to begin with, dimensionless; ``ground`` is a ``Ricker``
-    motion, whose wavelets get sliders, or a ``Record`` (in units of g and 1/ω1), which gets one for
-    its strength. About a thousand instants of ``grid`` are fast enough to be redrawn live.
-    ``scales`` shows results in SI units; the sliders stay dimensionless.
+    ``structures`` are the single pair to begin with: ``AdjacentStructures``, or ``Buildings`` of
+    one storey with one link. ``ground`` is a ``Ricker`` motion, whose wavelets get sliders, or a
+    ``Record``, which gets one for its strength; in the units of the structures, as results are.
+    About a thousand instants of ``grid`` are fast enough to be redrawn live.
 
     An ``ImportError`` if ipywidgets is not installed; a ``ValueError`` if an argument is of another
     kind, or the first run is invalid. Where a choice breaks a rule (τf above τx, a step above the
@@ -132,34 +143,34 @@ class Explorer:
 
     def __init__(
         self,
-        structures: AdjacentStructures,
+        structures: AdjacentStructures | Buildings,
         ground: Ricker | Record,
         grid: TimeGrid,
         scheme: Scheme = Scheme(),
-        scales: Scales | None = None,
     ) -> None:
         widgets = require("Explorer", "ipywidgets")
         from jaxpound.plots.sliders import ExactSlider, even_marks, ratio_marks
 
-        instance("Explorer", "structures", structures, AdjacentStructures)
+        instance("Explorer", "structures", structures, AdjacentStructures, Buildings)
         instance("Explorer", "ground", ground, Ricker, Record)
-        require_time_unit("Explorer: ground", ground)
+        require_time_unit("Explorer: ground", ground, si=in_si(structures))
         instance("Explorer", "grid", grid, TimeGrid)
         instance("Explorer", "scheme", scheme, Scheme)
-        if scales is not None:
-            instance("Explorer", "scales", scales, Scales)
         if any(np.ndim(leaf) for leaf in jax.tree.leaves(structures)):
             raise InvalidInput("Explorer", "structures", "", "must be a single pair, not a batch")
+        if structures.system().topology != PAIR:
+            rule = "must be two buildings of one storey with one link"
+            raise InvalidInput("Explorer", "structures", "", rule)
         self._first, self._ground = jax.tree.map(float, structures), ground
-        self._grid, self._scheme, self._scales = grid, scheme, scales
+        self._grid, self._scheme = grid, scheme
         self._panels: LivePanels | None = None
 
         self.sliders: dict[str, Any] = {}
         tabs: dict[str, list[Any]] = {}
         for tab, name, words, field, value in self._slider_fields():
-            low, high = field.usual or (value, value)
+            low, high = field.usual or (value / 5, 5 * value)
             marks = ratio_marks if field.is_ratio else even_marks
-            words += f" ({unit(field.kind, False)})" if field.kind else ""
+            words += f" ({unit(field.kind, in_si(structures))})" if field.kind else ""
             slider = ExactSlider(words, value, marks(min(low, value), max(high, value)))
             slider.observe(self._changed, names="value")
             tabs.setdefault(tab, []).append(slider)
@@ -186,30 +197,34 @@ class Explorer:
     def _slider_fields(self) -> Iterator[tuple[str, str, str, Parameter, float]]:
         """Tab, name, words, metadata and first value of each slider."""
         pair, ground = self._first, self._ground
-        groups = {
-            "damper": ["friction", "initial_gap"],
-            "contact": [path for path in parameters.paths(pair) if path.startswith("contact.")],
-            "rods": [f"rod_{i}.{name}" for i in (1, 2) for name in ("order", "tau_x", "tau_f")],
-            "buildings": ["mass_ratio", "stiffness_ratio"],
-        }
-        for tab, paths in groups.items():
-            for path in paths:
-                words, field = plain(parameters.name(pair, path)), parameters.metadata(pair, path)
-                yield tab, path, words, field, parameters.get(pair, path)
+        units = pair.scales.units if isinstance(pair, Buildings) else {}
+
+        def in_units(field: Parameter) -> Parameter:
+            if field.usual is None or field.kind not in units:
+                return field
+            low, high = (x * float(units[field.kind]) for x in field.usual)
+            return replace(field, usual=(low, high))
+
+        for tab, names in _TABS.items():
+            for path in sorted(parameters.paths(pair)):
+                *owners, name = path.split(".")
+                if ("contact" if "contact" in owners else name) in names:
+                    words, field = parameters.name(pair, path), parameters.metadata(pair, path)
+                    yield tab, path, plain(words), in_units(field), parameters.get(pair, path)
         yield "ground", "strength", "strength", Parameter(usual=(0.0, 3.0)), 1.0
         if isinstance(ground, Ricker):
             usual = {"amplitude": (-1.0, 1.0), "period": (0.3, 6.0)}
-            usual["arrival"] = (0.0, self._grid.duration)
+            usual["arrival"] = (0.0, self._grid.duration / float(units.get("time", 1)))
             series = np.broadcast_arrays(ground.amplitude, ground.periods, ground.arrivals)
             for i, wavelet in enumerate(np.reshape(series, (3, -1)).T, 1):
                 for (kind, ends), value in zip(usual.items(), wavelet, strict=True):
-                    field = Parameter(kind=WAVELET_KINDS[kind], usual=ends)
+                    field = in_units(Parameter(kind=WAVELET_KINDS[kind], usual=ends))
                     yield "ground", f"{kind}_{i}", f"{kind} {i}", field, float(value)
 
     def _run(self) -> None:
         """Run and show what the sliders are set to; a ValueError where that breaks a rule."""
         value = {name: slider.value for name, slider in self.sliders.items()}
-        paths = parameters.paths(self._first)
+        paths = value.keys() & {*parameters.paths(self._first)}
         structures = parameters.put(self._first, {path: value[path] for path in paths})
         ground: Any = self._ground
         if isinstance(ground, Ricker):
@@ -219,8 +234,6 @@ class Explorer:
         else:
             ground = value["strength"] * ground
         response = simulate(structures, ground, self._grid, self._scheme)
-        if self._scales is not None:
-            response = self._scales.to_si(response)
         self._panels = self._panels or LivePanels(response)
         self.picture.value = self._panels.png(response)
         self.words.value = _in_words(response)

@@ -11,20 +11,19 @@ from matplotlib.figure import Figure
 
 from jaxpound._checks import instance, is_whole
 from jaxpound._errors import InvalidInput
+from jaxpound.model.system import in_si
 from jaxpound.plots import style as house
 from jaxpound.plots.curves import time_label
 from jaxpound.plots.runs import displacements, ground_motion
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes, shade
 from jaxpound.reliability.instants import Series
 from jaxpound.reliability.result import RareEvent
-from jaxpound.results.named import kind_of
 from jaxpound.results.response import Response
 from jaxpound.simulation.run import simulate
-from jaxpound.units import Scales, scales_for
 
 
 @in_house_style
-def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | None = None) -> Figure:
+def design_earthquake(event: RareEvent, number: int = 0) -> Figure:
     """The likeliest earthquake that reaches the limit state, and the response to it, over time.
 
     Below the ground acceleration is the series that reaches the threshold (a closing, drift,
@@ -32,7 +31,7 @@ def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | Non
     instants, or that impacts make, the displacements.
 
     ``number`` is that of ``RareEvent.design_earthquakes``, the likeliest being 0; a ``ValueError``
-    if there is none. The figure is in SI units with ``scales``, dimensionless without.
+    if there is none.
     """
     instance("design_earthquake", "event", event, RareEvent)
     n = len(event.design_points)
@@ -40,10 +39,7 @@ def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | Non
         rule = f"from 0 to {n - 1}" if n else "of an event with design points; this one has none"
         raise InvalidInput("design_earthquake", "number", repr(number), f"must be {rule}")
     state, earthquake = event.limit_state, event.design_earthquakes[number]
-    scales = scales_for("design_earthquake", state.programs.nominal, scales)
     response = simulate(earthquake.structures, earthquake.ground, state.grid, state.scheme)
-    if scales is not None:
-        response = scales.to_si(response)
     figure = house.new_figure(1.0, 1.6)
     above, below = figure.subplots(2, sharex=True)
     ground_motion(response, above)
@@ -51,8 +47,6 @@ def design_earthquake(event: RareEvent, number: int = 0, *, scales: Scales | Non
         displacements(response, below)
         return figure
     series, time, level = state.series[int(event.series[number])], earthquake.time, state.level
-    if scales is not None:
-        time, level = time * float(scales.time), level * float(scales.unit_of(series.kind))
     values, words = _values(response, series), series.words.partition(",")[0]
     factor, words = house.with_unit(words, series.kind, response.si, float(np.abs(values).max()))
     values, level = factor * values, factor * level
@@ -84,13 +78,11 @@ def _values(response: Response, series: Series) -> np.ndarray:
 
 
 @in_house_style
-def probability_curve(
-    events: Sequence[RareEvent], ax: Axes | None = None, *, scales: Scales | None = None
-) -> Axes:
+def probability_curve(events: Sequence[RareEvent], ax: Axes | None = None) -> Axes:
     """Probability over the threshold, with its 95 % interval and the values by FORM.
 
     ``events`` are two or more of one demand, each at another threshold (``rare_event`` with
-    ``start``). Thresholds are in SI units with ``scales``, dimensionless without.
+    ``start``).
 
     A ``ValueError`` if there are fewer than two events with a threshold, or of different demands.
     """
@@ -104,15 +96,12 @@ def probability_curve(
         raise InvalidInput("probability_curve", "events", "", "must be of one demand")
     ax = new_axes(ax)
     ranked = sorted(events, key=lambda event: event.limit_state.level)
-    demand = states[0].demand
-    scales = scales_for("probability_curve", states[0].programs.nominal, scales)
+    demand, nominal = states[0].demand, states[0].programs.nominal
     at = np.array([event.limit_state.level for event in ranked])
     factor, words = 1.0, "demand"
     if isinstance(demand, str):
-        scale = float(scales.unit_of(kind_of(demand))) if scales else 1.0
-        topology, largest = states[0].programs.nominal.system().topology, scale * float(at.max())
-        factor, words = house.demand_axis(demand, scales is not None, largest, topology)
-        factor *= scale
+        topology, largest = nominal.system().topology, float(at.max())
+        factor, words = house.demand_axis(demand, in_si(nominal), largest, topology)
     at = factor * at
     estimates = np.array([event.estimate[:3] for event in ranked])
     ax.fill_between(at, estimates[:, 1], estimates[:, 2], label="95 % interval", **shade("damper"))

@@ -16,11 +16,10 @@ from matplotlib.path import Path
 from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
 from jaxpound.model.dampers import PowerLaw
-from jaxpound.model.system import Link, Rod, Structures
+from jaxpound.model.system import Link, Rod, Structures, in_si
 from jaxpound.model.topology import GROUND, Topology, floors, stacks, two_ends
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
-from jaxpound.units import Scales, scales_for
 
 Lines = list[tuple[str, str]]  # words and their colours
 Damper = tuple[int, Rod] | None  # of a link: its number among the rods, and itself
@@ -44,26 +43,23 @@ def row(
     structures: Structures,
     elevations: Sequence[Any] | None = None,
     ax: Axes | None = None,
-    scales: Scales | None = None,
 ) -> Axes:
     """Buildings from left to right, with the numbers of their floors, storeys and links.
 
     Masses m stand in the floors, stiffnesses K in the storeys, slip forces μ, from slow to fast,
     forces F of viscous dampers and gaps at rest ξ0 at the links, with the numbers of their series;
-    in SI units of ``Buildings`` or if ``scales`` are given, else dimensionless. Dampers are green,
-    also braces within a building and dampers to the ground; pads are orange where contact has a
-    law; an arrow is a gap, to a wall where the other end is the ground. Bearings, a first storey of
-    less than half of the height of another, and walls as low as these stand in a pit. Tuned masses
-    are narrower.
+    in SI units of ``Buildings``, else dimensionless. Dampers are green, also braces within a
+    building and dampers to the ground; pads are orange where contact has a law; an arrow is a gap,
+    to a wall where the other end is the ground. Bearings, a first storey of less than half of the
+    height of another, and walls as low as these stand in a pit. Tuned masses are narrower.
 
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
     floors of each building above the ground, m (each one's ``elevations``); by default all storeys
-    are as high. ``scales`` are the units of dimensionless structures, for numbers in SI. A new
-    figure is high enough for the numbers to be read.
+    are as high. A new figure is high enough for the numbers to be read.
 
-    A ``ValueError`` if structures are no shear buildings, traced or a batch, ``Buildings`` have
-    scales, or elevations are not one for each floor of each building, finite, from the lowest up.
+    A ``ValueError`` if structures are no shear buildings, traced or a batch, or elevations are not
+    one for each floor of each building, finite, from the lowest up.
 
     Examples
     --------
@@ -71,7 +67,6 @@ def row(
     >>> ax = row(jp.paper.structures())
     """
     instance("row", "structures", structures, Structures)
-    scales = scales_for("row", structures, scales)
     if not is_known_and_single(system := structures.system()):
         raise InvalidInput("row", "structures", "", "must be known and one row, not a batch")
     buildings = stacks(system.topology)
@@ -92,7 +87,7 @@ def row(
     most = float(max(map(np.max, rises)))  # bearings, and walls as low as these, do not count
     storey = min(float(x[int(x[0] < most / 2) :].min(initial=most)) for x in rises)
     feet = [float(ups[0]) - storey if ups[0] < storey / 2 else 0.0 for ups in heights]
-    write = partial(_written, scales)
+    write = partial(_written, in_si(structures))
     storeys, ends = {rod for x in buildings for _, rod in x}, system.topology.rods
     beside = {frozenset(ends[r]): (r, x) for r, x in enumerate(system.rods) if r not in storeys}
     links = [(link, beside.pop(frozenset(link.ends), None)) for link in system.links]
@@ -201,13 +196,12 @@ def _building(ax: Axes, left: float, below: float, slab: float, colour: str, sto
         below = under + slab
 
 
-def _written(scales: Scales | None, kind: str, number: Any) -> str:
-    """A dimensionless number, in SI with its unit if there are scales."""
-    if scales is None:
+def _written(si: bool, kind: str, number: Any) -> str:
+    """A number, in SI with its unit."""
+    if not si:
         return f"{float(number):.3g}"
-    in_si = float(number) * float(scales.unit_of(kind))
-    factor, unit = unit_for(kind, True, in_si)
-    return f"{float(f'{factor * in_si:.3g}'):,g} {unit}"
+    factor, unit = unit_for(kind, si, float(number))
+    return f"{float(f'{factor * float(number):.3g}'):,g} {unit}"
 
 
 def _numbers(k: int, link: Link, damper: Damper, write: Callable[[str, Any], str]) -> Lines:

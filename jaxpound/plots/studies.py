@@ -45,7 +45,7 @@ def min_gap(study: Study, ax: Axes | None = None) -> Axes:
     ax.bar(edges[:-1], counts / (whole * width), width, **style)
     ax.axvspan(low, 0, label=r"pounding, $\xi \leq 0$", **shade("pounding"))
     ax.set_xlim(low, high)
-    label(ax, _axis(study, "min_gap")[1], "density (1/m)" if study.scales else "density")
+    label(ax, _axis(study, "min_gap")[1], "density (1/m)" if study.si else "density")
 
     ax.plot([], [], color="black", label="cumulative share")
     if beyond := np.sum(gaps < low):
@@ -283,4 +283,4 @@ def _axis(study: Study, column: str) -> tuple[float, str]:
     """Factor and name, with its unit, of a column on an axis."""
     moments = study.moments(column)
     peak = max(-moments.smallest, moments.largest)
-    return house.demand_axis(column, study.scales is not None, peak, study.stored_topology)
+    return house.demand_axis(column, study.si, peak, study.stored_topology)

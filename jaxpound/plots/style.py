@@ -79,8 +79,8 @@ def parameter_name(path: str, *, symbols: bool = True) -> str:
 def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
     """Factor and name, with its unit, of a parameter on an axis.
 
-    ``scales``, if given, convert it to SI units; ``largest`` is its dimensionless size. A parameter
-    without a unit, such as a ratio or an order, has a name alone.
+    ``scales``, if any, convert it to SI units; ``largest`` is its size before. A parameter without
+    a unit, such as a ratio or an order, has a name alone.
     """
     owner, si = _owner(path), scales is not None
     of_wavelet = WAVELET_KINDS.get(path.rpartition("_")[0])

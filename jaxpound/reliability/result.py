@@ -23,7 +23,7 @@ from jaxpound._checks import require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.parameters import require_paths
-from jaxpound.model.system import Structures, gravity_of
+from jaxpound.model.system import Structures, in_si
 from jaxpound.reliability.limit_state import LimitState
 from jaxpound.results.named import event_in_words
 from jaxpound.study.statistics import Estimate
@@ -219,7 +219,7 @@ class RareEvent(Shown):
         if not isinstance(state.demand, str):
             return f"demand ≥ {threshold:.4g}"
         nominal = state.programs.nominal
-        si, topology = gravity_of(nominal) is not None, nominal.system().topology
+        si, topology = in_si(nominal), nominal.system().topology
         return event_in_words(state.demand, threshold, si, topology)
 
     def _tables(self) -> list[TextTable]:

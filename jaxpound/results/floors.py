@@ -14,7 +14,7 @@ from jaxpound._fields import pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.building import Building
 from jaxpound.model.shear_building import ShearBuilding
-from jaxpound.model.system import Structures, gravity_of
+from jaxpound.model.system import Structures, in_si
 from jaxpound.model.topology import Topology, floors, is_storey, stacks, two_ends
 from jaxpound.quantities import column, unit
 from jaxpound.results.demand import Demand
@@ -144,7 +144,7 @@ def floor_demands(
         rule = "must be of these structures, but is of other storeys"
         raise InvalidInput("floor_demands", "found", "", rule)
     n_floors = [len(building) for building in floors(topology)]
-    if buildings is None and gravity_of(structures) is not None:
+    if buildings is None and in_si(structures):
         buildings = getattr(structures, "buildings", None)
     heights: list[tuple[float, ...]] = [()] * len(n_floors)
     if buildings is not None:

@@ -23,7 +23,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
 from jaxpound.ground import motion
 from jaxpound.ground.run_input import as_run, require_time_unit
-from jaxpound.model.system import Structures, gravity_of
+from jaxpound.model.system import Structures, gravity_of, in_si
 from jaxpound.scenarios.sampling import as_key, key_numbers, points, require_sampling
 
 NUMBER_BYTES = 22_000  # of JAX for each number of z in a study's trace and program (measured)
@@ -129,7 +129,7 @@ class Scenarios(Composed):
             motion.require_ground("Scenarios: ground", self.ground)
         nominal = getattr(self.structures, "nominal", self.structures)
         if isinstance(nominal, Structures):  # else each run checks the unit of time
-            require_time_unit("Scenarios: ground", self.ground, si=gravity_of(nominal) is not None)
+            require_time_unit("Scenarios: ground", self.ground, si=in_si(nominal))
         if not self.dimension:
             rule = "are both fixed; one must be drawn"
             raise InvalidInput("Scenarios", "structures and ground", "", rule)

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxpound._checks import array, instance, number
+from jaxpound._checks import array, number
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown
 from jaxpound.ground.measure import Measure
@@ -40,11 +40,17 @@ class DemandColumns(Columnar, Shown):
     _moments: Mapping[str, Moments]
     _parts: Callable[..., Iterable[np.ndarray]]
     scales: Scales | None = None
+    """What converts the stored numbers to SI units; None of dimensionless columns."""
     weighting: Weighting | None = None
     """The weights of the samples; None if all count the same."""
 
     def __len__(self) -> int:
         return sum(map(len, self.rows))
+
+    @property
+    def si(self) -> bool:
+        """Whether columns are in SI units."""
+        return self.scales is not None
 
     @property
     def indices(self) -> np.ndarray:
@@ -72,8 +78,8 @@ class DemandColumns(Columnar, Shown):
     @property
     def demand(self) -> Demand:
         """All demands as a batch."""
-        si, columns = self.scales is not None, {name: self[name] for name in self.columns}
-        return dataclasses.replace(Demand.of_columns(columns, si=si), topology=self.stored_topology)
+        demand = Demand.of_columns({name: self[name] for name in self.columns}, si=self.si)
+        return dataclasses.replace(demand, topology=self.stored_topology)
 
     @property
     def stored_topology(self) -> Topology | None:
@@ -90,14 +96,9 @@ class DemandColumns(Columnar, Shown):
         rods, links = (tuple((i, j) for i, j in ends) for ends in (rods, links))
         return Topology(n_masses, rods, links, *map(tuple, tuned))
 
-    def in_si(self, scales: Scales) -> Self:
-        """The same study in SI units."""
-        instance("Study.in_si", "scales", scales, Scales)
-        return dataclasses.replace(self, scales=scales)
-
     def unit(self, name: str) -> str:
         """Unit of a column; empty for pure numbers and for user-defined columns."""
-        return unit(self._quantity(self._column(name)), self.scales is not None)
+        return unit(self._quantity(self._column(name)), self.si)
 
     def measure(self, name: str) -> Measure:
         """The measure of intensity that a column holds, as far as it is known.

@@ -44,18 +44,17 @@ def doubts(owner: str, scenarios: ScenarioSet, grid: TimeGrid) -> list[str]:
 
 
 def unreached(
-    topology: Topology, extremes: Mapping[str, tuple[float, float]], *, pair: bool, si: bool
+    topology: Topology, extremes: Mapping[str, tuple[float, float]], *, si: bool
 ) -> list[str]:
     """Findings: gaps out of proportion to the displacements of a whole study.
 
     ``extremes`` are the smallest and the largest number of each column (of an infinite gap NaN or
-    infinite); ``pair`` says whether the structures call their gap ``initial_gap``.
+    infinite).
     """
     findings = []
     for k, (ends, place) in enumerate(zip(topology.links, link_places(topology), strict=True)):
         gap, _ = extremes.get(of_link("min_gap", k, len(topology.links)), (np.inf, np.inf))
         if np.isfinite(gap) and not isinstance(ends, WeightedMasses):
             moved = sum(extremes[f"peak_x{mass + 1}"][1] for mass in masses_of(ends))
-            name = "initial_gap" if pair else f"link {place}: gap"
-            findings += far_apart(name, gap, moved, si=si)
+            findings += far_apart(f"link {place}: gap", gap, moved, si=si)
     return findings

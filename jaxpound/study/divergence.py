@@ -15,7 +15,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.run_input import as_run, sampled
 from jaxpound.model import parameters
-from jaxpound.model.system import Structures, gravity_of
+from jaxpound.model.system import Structures, gravity_of, in_si
 from jaxpound.simulation.run import simulate
 from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single_system
 
@@ -92,7 +92,7 @@ def growth(
     # The run, whose gaps are traced, cannot check it.
     require_stable(structures, scheme, grid.dt)
     ground_motion = as_run(ground, scheme.finest(grid), gravity_of(structures))
-    if gravity_of(structures) is not None:  # the system below knows no unit of time
+    if in_si(structures):  # the system below knows no unit of time
         ground_motion = sampled(ground_motion, scheme.finest(grid))
     if not is_traced((system, ground_motion)):
         warn("growth", imprecise(system, grid, ground_motion), strict=False)

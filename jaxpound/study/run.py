@@ -28,7 +28,6 @@ from jaxpound._errors import InvalidInput, resumable, warn
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import of_many
 from jaxpound.model.hysteresis import before_yield
-from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import is_closable
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import PAIR
@@ -41,7 +40,7 @@ from jaxpound.study.columns import in_rows
 from jaxpound.study.demands import doubts, unreached
 from jaxpound.study.statistics import Moments
 from jaxpound.study.study import Study
-from jaxpound.units import Scales, scales_for
+from jaxpound.units import result_units
 
 _SMALLEST, _LARGEST, _CHUNKS = 32, 16_384, 8  # samples of a chunk, and chunks at least
 _MOMENTS_BYTES = 250  # of a column of a chunk
@@ -61,7 +60,6 @@ def monte_carlo(
     measures: Mapping[str, Measure] | None = None,
     keep_parameters: bool = False,
     keep_failures: bool = False,
-    scales: Scales | None = None,
     notes: Any = None,
     executor: Executor | None = None,
     shard: tuple[int, int] = (1, 1),
@@ -101,9 +99,6 @@ def monte_carlo(
         Whether the scenarios' parameters are columns too; ``Study.parameters`` can recompute them.
     keep_failures
         Whether failed runs are kept as NaN and left out of all statistics; else they raise.
-    scales
-        Units of the results of dimensionless structures in SI; None for dimensionless results.
-        Those of ``Buildings`` are in SI without.
     notes
         Anything that JSON can hold; the study keeps it in ``about``.
     executor
@@ -146,8 +141,7 @@ def monte_carlo(
     owner = "monte_carlo"
     _check(scenarios, n, scheme, sampling, measures or {})
     findings = doubts(owner, scenarios, grid)
-    structures = structures_of(scenarios)
-    scales, pair = scales_for(owner, structures, scales), isinstance(structures, AdjacentStructures)
+    units = result_units(structures_of(scenarios))
     if chunk_size is None and store is not None and os.path.lexists(Path(store) / MANIFEST):
         chunk_size = Store(store).chunk_size
     elif chunk_size is None:
@@ -161,7 +155,7 @@ def monte_carlo(
         x64=bool(jax.config.jax_enable_x64),  # type: ignore[attr-defined]
     )
     chunks = _chunks_of_shard(shard, task, in_memory=store is None)
-    identity = task.identity() | {"scales": describe(scales)}
+    identity = task.identity() | {"scales": describe(units)}
     task = task.identified(identity)
     # Points and columns of a chunk, all columns, and the moments of columns of all chunks.
     n_columns, number = len(task.names), task.z_type().dtype.itemsize
@@ -188,15 +182,12 @@ def monte_carlo(
         for i, (chunk, outcome) in enumerate(_run(task, missing, executor)):
             moments[chunk], columns[chunk] = outcome
             if i == 0:  # warn before the other chunks are run
-                length = 1.0 if scales is None else float(scales.length)
-                first = moments[chunk].items()
-                ends = {x: (length * m.smallest, length * m.largest) for x, m in first}
-                of_gaps = unreached(context["topology"], ends, pair=pair, si=scales is not None)
-                warn(owner, of_gaps, strict)
+                ends = {x: (m.smallest, m.largest) for x, m in moments[chunk].items()}
+                warn(owner, unreached(context["topology"], ends, si=units is not None), strict)
             bar.update(sizes[chunk])
 
     moments, points = {chunk: moments[chunk] for chunk in chunks}, partial(task.points, chunks)
-    sources: dict[str, Any] = {"scenarios": scenarios, "points": points, "scales": scales}
+    sources: dict[str, Any] = {"scenarios": scenarios, "points": points, "scales": units}
     if stored is not None:
         stored.sweep()
         return Study.of_store(stored, moments, **sources)

@@ -14,7 +14,7 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound._xla.batches import in_chunks
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import first_of, of_many
-from jaxpound.model.system import gravity_of
+from jaxpound.model.system import in_si
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import in_words
 from jaxpound.scenarios.sampling import points
@@ -101,7 +101,7 @@ def sobol_sensitivity(
     z = points("sobol", jax.random.key(key, impl="threefry2x32"), 2 * d)(0, n)
     a, b = z[:, :d], z[:, d:]
     grounds = grounds_at(scenarios, grid)(a[: first_of(n, grid)])
-    si = gravity_of(structures_of(scenarios)) is not None
+    si = in_si(structures_of(scenarios))
     warn(owner, findings + of_many(grounds, grid, in_g=si), strict)
     mixed = [np.where(np.arange(d) == i, b, a) for i in range(d)]
     demands = in_chunks(run)(np.concatenate([a, b, *mixed])).astype(float)

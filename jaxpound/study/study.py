@@ -57,9 +57,9 @@ class Study(DemandColumns):
     some with a law of contact, ``peak_contact``, ``peak_impulse`` and ``peak_penetration``.
 
     Columns of a store are read one by one, so that n may exceed the memory. Runs that failed are
-    NaN and left out of all statistics. Columns are dimensionless as in eq. (9), or in SI units if
-    there are ``scales``, which do not convert measures and the scenarios' parameters. As a table
-    (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each sample.
+    NaN and left out of all statistics. Columns of ``Buildings`` are in SI units, else dimensionless
+    as in eq. (9). As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each
+    sample.
 
     ``first_impact_time`` is infinite in runs without an impact, ``first_yield_time_1`` in those
     without a yield. Their moments, quantiles and correlations are those of the runs with one, of
@@ -159,7 +159,7 @@ class Study(DemandColumns):
                 raise InvalidInput("fragility", "demand", repr(demand), rule)
             column = self[demand]
             pounding = np.where(np.isnan(column), np.nan, column >= threshold)
-            event = event_in_words(demand, threshold, self.scales is not None, self.stored_topology)
+            event = event_in_words(demand, threshold, self.si, self.stored_topology)
         valid = ~np.isnan(pounding)
         weights = None if self.weighting is None else self.weights[valid]
         curve = fit_fragility(im[valid], pounding[valid] == 1, weights=weights)
@@ -213,7 +213,7 @@ class Study(DemandColumns):
             self._column("required_gap")
         gaps = {k: self.required_gap(probability, confidence, link=k) for k in links}
         places = link_places(self.topology)
-        return RequiredGaps(float(probability), gaps, places, self.scales is not None)
+        return RequiredGaps(float(probability), gaps, places, self.si)
 
     def separation(self, probability: float, confidence: float = 0.95) -> Separation:
         """The required gap beside those of code rules: absolute sum, SRSS, double difference.
@@ -268,7 +268,7 @@ class Study(DemandColumns):
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         index, columns = {"sample": self.indices}, dict[str, np.ndarray]()
         for name in self.columns:
-            heading = column(name, self._quantity(name), self.scales is not None)
+            heading = column(name, self._quantity(name), self.si)
             if heading in index | columns:
                 rule = "must differ from every other column of the table: rename it in the study"
                 raise InvalidInput("Study", f"column {heading!r}", "", rule)
@@ -280,7 +280,7 @@ class Study(DemandColumns):
         for name in self.told():
             m, words = self.moments(name), in_words(name, self.stored_topology)
             rows.append((name, m.mean, m.std, m.smallest, m.largest, self.unit(name), words))
-        units = "dimensionless" if self.scales is None else "SI"
+        units = "SI" if self.si else "dimensionless"
         units += ", weighted" * (self.weighting is not None)
         title = f"Study of {len(self):,} scenarios, {self.failed:,} failed ({units})"
         columns = ("", "mean", "standard deviation", "smallest", "largest", "unit", "in words")

@@ -100,16 +100,25 @@ def test_a_landscape_knows_the_probability_at_the_design(narrow):
 def test_the_least_damper_for_one_in_ten_millions_of_a_gap_in_metres():
     """Known from Newton's method on independent samples: a friction of 0.3075."""
     scales = jp.Scales(mass=1e5, frequency=5.0)
-    seldom = {"required_gap": jp.Limit(0.645 * float(scales.length), probability=1e-7)}
+    closing = 0.645 * float(scales.length)
+    seldom = {"required_gap": jp.Limit(closing, probability=1e-7)}
     goal = jp.Objective(jp.LeastDemand("damper_force"), limits=seldom)
-    space, ensemble = jp.DesignSpace(PAPER, {"friction": (0.05, 1.0)}), case_w.SCENARIOS
-    ensemble = jp.Ensemble.drawn(ensemble, 2)
-    design = designed(goal, space, ensemble, case_w.GRID, scales=scales)
-    assert design.values["friction"] == pytest.approx(0.3075, abs=0.004)
-    in_newtons = -float(scales.force) / case_w.SLOPE
+    left, right, force, gap = scales.buildings(PAPER)
+    pair = jp.Buildings((left, right), (jp.FloorLink(0, 0, friction=force, gap=gap),))
+    unit, dt = float(scales.force), case_w.DT * float(scales.time)
+    space = jp.DesignSpace(pair, {"links.0.friction": (0.05 * unit, unit)})
+
+    def in_seconds(z):
+        return jp.Record(jnp.asarray(case_w.MATRIX, z.dtype) @ z, dt)
+
+    scenarios = jp.Scenarios(pair, jp.CustomDraw(in_seconds, case_w.N))
+    grid = jp.TimeGrid.until(4.0, dt)
+    design = designed(goal, space, jp.Ensemble.drawn(scenarios, 2), grid)
+    assert design.values["links.0.friction"] / unit == pytest.approx(0.3075, abs=0.004)
+    in_newtons = -unit / case_w.SLOPE
     assert design.multipliers["required_gap"] == pytest.approx(in_newtons, rel=0.1)
     event = design.events["required_gap"]
-    assert event.limit_state.threshold == pytest.approx(0.645)
+    assert event.limit_state.threshold == pytest.approx(closing)
     assert design.prices["required_gap"] == event.probability
 
 

@@ -30,7 +30,6 @@ QUIET = jp.Ricker([0.5, 0.0], [3.0, 9.0], [1.5, 2.0])
 SHORT = jp.Ricker([1e-7, 1e-4], [0.3, 4.0], [1.0, 2.0])  # the short one is weak
 T = 0.1 * np.arange(41)
 LOUD = jp.Record(6.0 * np.sin(3 * T), 0.1, "loud", "1/ω1")
-SCALES = jp.Scales(mass=5e5, frequency=7.0)
 
 TOO_FAR = "initial_gap = 1000 g/ω1² should be at most 100 times what the buildings move, "
 TOO_SHORT = "ground: the shortest of periods is 3 time steps long and should be at least 8: a "
@@ -200,22 +199,31 @@ def test_a_study_is_judged_before_its_first_run(made, message, tmp_path, monkeyp
 def test_a_study_whose_gap_is_far_too_wide_is_warned_of():
     wide = dataclasses.replace(SLOW, structures=far(1.0))
     run = partial(jp.monte_carlo, wide, 8, GRID, progress=False)
-    with pytest.warns(jp.PlausibilityWarning, match=r"^monte_carlo: initial_gap = .* 100 times"):
+    message = "^monte_carlo: link 1–2, floor 1: gap = 1 g/ω1² should be at most 100 times"
+    with pytest.warns(jp.PlausibilityWarning, match=message):
         study = run()
-    refused("^monte_carlo: initial_gap = .* m should", run, scales=SCALES, strict=True)
+    refused(message, run, strict=True)
     assert study.pounding_probability().value == 0
 
 
-def design(made, scales):
-    space = jp.DesignSpace(PAIR, {"friction": (0.1, 1.0)})
-    how = {"scales": scales, "strict": True, "progress": False}
-    jp.design_damper(space, jp.Ensemble.drawn(made, 8), GRID, **how)
+def design(made, bounds):
+    space = jp.DesignSpace(made.structures, bounds)
+    ensemble = jp.Ensemble.drawn(made, 8)
+    jp.design_damper(space, ensemble, GRID, strict=True, progress=False)
+
+
+FRICTION = {"friction": (0.1, 1.0)}
+TOWERS = [jp.Building.from_period(mass, 4.0, 0.05) for mass in (4e5, 5e5)]
+IN_SI = dataclasses.replace(
+    scenarios(jp.Uniform(1.0, 2.0), amplitude=20.0),
+    structures=jp.Buildings(TOWERS, jp.floor_links(TOWERS, friction=1e5, gap=0.5)),
+)
 
 
 test_a_design_is_judged_before_its_search = refusals(
-    (FINE, None, "ground: 100% of the 8 earthquakes looked at are not"),
-    (STRONG, SCALES, "ground: PGA of .* 8 earth"),
-    (SLOW, None, "initial_gap = 1 g/ω1² should be at most"),
+    (FINE, FRICTION, "ground: 100% of the 8 earthquakes looked at are not"),
+    (IN_SI, {"links.0.friction": (1e4, 1e6)}, "ground: PGA of .* 8 earth"),
+    (SLOW, FRICTION, "link 1–2, floor 1: gap = 1 g/ω1² should be at most"),
     of=design,
     before="^design_damper: ",
 )

@@ -8,16 +8,16 @@ from scipy import optimize, stats
 
 import jaxpound as jp
 from tests.ground.test_suite import SUITE
-from tests.hazard.test_ida import GAP, PAIR, SCALES, analysed
-from tests.hazard.test_stripes import ROW, ROW_SCALES
+from tests.hazard.test_ida import GAP, PAIR, analysed
+from tests.hazard.test_stripes import ROW
 from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals
 
 RANDOM = np.random.default_rng(3)
 IM = np.exp(RANDOM.uniform(-2, 0.5, 400))
 DEMAND = 0.1 * IM**1.2 * np.exp(0.3 * RANDOM.standard_normal(400))
-of_pair = partial(jp.cloud_analysis, PAIR, SUITE, scales=SCALES)
-of_row = partial(jp.cloud_analysis, ROW, SUITE, scales=ROW_SCALES)
+of_pair = partial(jp.cloud_analysis, PAIR, SUITE)
+of_row = partial(jp.cloud_analysis, ROW, SUITE)
 
 
 def test_a_cloud_is_a_regression_of_logarithms_and_its_fragility_the_share_above_the_threshold():

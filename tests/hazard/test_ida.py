@@ -17,12 +17,17 @@ from tests.refusals import refusals, refused
 LEFT = jp.Building.from_period(mass=500e3, period=0.9, damping_ratio=0.05)
 RIGHT = jp.Building.from_period(mass=400e3, period=0.6, damping_ratio=0.05)
 GAP = 0.02
-PAIR, SCALES = jp.dimensionless(LEFT, RIGHT, friction_force=0.0, gap=GAP)
+PAIR = jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, gap=GAP),))
+IN_UNITS = PAIR.scales.to_dimensionless(SUITE[0])
 LADDER = [0.05, 0.1, 0.4, 0.8]
 
 
+def linked(**changes):
+    return dataclasses.replace(PAIR, links=(dataclasses.replace(PAIR.links[0], **changes),))
+
+
 def analysed(structures=PAIR, **changed):
-    how = {"scales": SCALES, "intensities": LADDER} | changed
+    how = {"intensities": LADDER} | changed
     return jp.incremental_dynamic_analysis(structures, how.pop("records", SUITE), **how)
 
 
@@ -34,19 +39,15 @@ def test_demands_of_linear_buildings_are_proportional_and_capacities_those_of_si
     assert linear.threshold == pytest.approx(GAP)
     assert linear.returning == ()
     assert linear.topology == linear.stripes.topology == PAIR.system().topology
-    # Of buildings in SI units, by itself: the record scaled by its factor just closes the gap.
+    # By itself: the record scaled by its factor just closes the gap.
     record = SUITE.scaled(linear.factors)[0]
     dt = float(SUITE[1].dt)  # the shortest of the suite is that of the common grid
-    pair = jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, gap=GAP),))
-    single = jp.demand(pair, record, jp.TimeGrid.until(float(record.duration), dt))
+    single = jp.demand(PAIR, record, jp.TimeGrid.until(float(record.duration), dt))
     assert float(single.min_gap) == pytest.approx(0, abs=1e-6 * GAP)
 
 
 def test_newton_contact_and_ends_of_the_ladder(linear):
-    for changed in (
-        {"refine": "newton"},
-        {"structures": dataclasses.replace(PAIR, contact=jp.Newton(0.65))},
-    ):
+    for changed in ({"refine": "newton"}, {"structures": linked(contact=jp.Newton(0.65))}):
         np.testing.assert_allclose(analysed(**changed).capacities, linear.capacities, rtol=1e-10)
     most = float(np.sort(linear.capacities)[1] * 1.01)
     found = analysed(intensities=[most / 4, most / 3, most / 2, most])
@@ -80,11 +81,8 @@ def test_thresholds_demands_records_and_fractiles(linear):
     own = analysed(demand=lambda demand: demand.masses[0].peak_x, threshold=0.02)
     np.testing.assert_allclose(own.capacities, peaks.capacities, rtol=1e-10)
     np.testing.assert_allclose(peaks.demands[:, 1], 2 * peaks.demands[:, 0], rtol=1e-9)
-    records = [SCALES.to_dimensionless(record) for record in SUITE]
-    grid = jp.TimeGrid.until(float(records[1].duration), float(records[1].dt))
-    found = analysed(records=records, scales=None, grid=grid)
+    found = analysed(grid=jp.TimeGrid.until(float(SUITE[1].duration), float(SUITE[1].dt)))
     np.testing.assert_allclose(found.factors, linear.factors, rtol=1e-3)  # of another duration
-    np.testing.assert_allclose(found.threshold, GAP / float(SCALES.length))
     low, middle, high = linear.fractiles()
     np.testing.assert_allclose(middle, np.median(linear.demands, axis=0))
     assert ((low < middle) & (middle < high)).all()
@@ -141,7 +139,6 @@ def test_records_that_return_are_strong_or_unfit_are_named(capsys):
         analysed(demand=lambda demand: np.nan * demand.pga, threshold=1.0)
     fine, long = (jp.Record(np.full(99, 0.1), dt, x) for dt, x in ((1e-5, "fine"), (1, "long")))
     refused(r"'fine', the finest, and 'long', .* 1,000,000 steps", analysed, records=[fine, long])
-    refused(r"grid = None must be a TimeGrid: .* only for buildings", analysed, PAIR.system())
 
 
 @pytest.fixture
@@ -194,13 +191,13 @@ def test_a_store_serves_other_questions_of_the_same_runs_and_damage_is_told(coun
     first = analysed(**stored)
     counting.most = len(sizes)
     assert_same(analysed(**stored, measure=SUITE.pgas), first)
-    strip = jp.multiple_stripes(PAIR, SUITE, intensities=LADDER, scales=SCALES, **stored)
+    strip = jp.multiple_stripes(PAIR, SUITE, intensities=LADDER, **stored)
     np.testing.assert_array_equal(strip.demands, first.demands.T)
     assert_survives_pickling((first, first.fragility(), strip))
     for changed, words in (
         ({"demand": "peak_x1", "threshold": 0.02}, "demand is 'required_gap' there and 'peak_x1'"),
         ({"records": SUITE.scaled([1.0, 1.0, 2.0])}, "records.* there and .* here"),
-        ({"structures": dataclasses.replace(PAIR, friction=0.1)}, "structures.friction is 0.0 th"),
+        ({"structures": linked(friction=1e4)}, "structures.links.*friction"),
     ):
         refused(f"holds another study: .*{words}", analysed, **stored, **changed)
     files, counting.most = sorted(stored["store"].glob("chunk-*.npz")), len(sizes) + 1
@@ -222,7 +219,8 @@ test_wrong_arguments_are_named = refusals(
     ({"demand": "peak_x1"}, "threshold = None must be a number: demand is 'peak_x1'"),
     ({"demand": "peak_x9", "threshold": 1.0}, "unknown demand 'peak_x9'"),
     ({"threshold": 0.0}, "threshold = 0 must be above 0, what the demand is without shaking"),
-    ({"scales": None}, "scales = None must be given for records in s"),
+    ({"structures": PAIR.dimensionless()[0]}, "structures = Row must be jp.Buildings, as records"),
+    ({"records": [IN_UNITS]}, r"records: Record\(.* must be in seconds, as Buildings are"),
     ({"records": "folder"}, "records = 'folder' must be a RecordSuite or records|Record"),
     of=lambda changed: analysed(**changed),
     before="^(incremental_dynamic_analysis|RecordSuite): .*",

@@ -6,15 +6,15 @@ import numpy as np
 
 import jaxpound as jp
 from tests.ground.test_suite import SUITE
-from tests.hazard.test_ida import LADDER, LEFT, PAIR, RIGHT, SCALES
+from tests.hazard.test_ida import LADDER, LEFT, PAIR, RIGHT
 from tests.refusals import refused
 
 LINKS = [jp.FloorLink(0, 0, gap=0.02), jp.FloorLink(1, 0, gap=0.5)]
-ROW, ROW_SCALES = jp.Buildings((LEFT, RIGHT, LEFT), LINKS).dimensionless()
+ROW = jp.Buildings((LEFT, RIGHT, LEFT), LINKS)
 
 
 def striped(records, structures=PAIR, **changed):
-    how = {"scales": SCALES, "intensities": LADDER} | changed
+    how = {"intensities": LADDER} | changed
     return jp.multiple_stripes(structures, records, **how)
 
 
@@ -40,7 +40,7 @@ def test_stripes_of_one_suite_or_of_one_each_are_those_of_the_incremental_analys
 
 def test_pounding_where_gaps_differ_is_an_overlap_of_any_link():
     """Without dampers; the second link is too wide to matter."""
-    found = striped(SUITE, intensities=[0.05, 0.4], scales=ROW_SCALES, structures=ROW)
+    found = striped(SUITE, intensities=[0.05, 0.4], structures=ROW)
     weak, strong = (np.asarray(one) + 0.02 for one in found.demands)  # what the first link closes
     np.testing.assert_allclose(strong, 8 * weak, rtol=1e-9)
     np.testing.assert_array_equal(found.pounding, [(weak >= 0.02).sum(), (strong >= 0.02).sum()])

@@ -127,5 +127,4 @@ test_refused = refusals(
     (lambda: FRAME.yielding(yield_force=-1.0), r"yield_force = -1 must be between 1e-06 and"),
     (WEAK.with_p_delta, r"ultimate_displacement = inf must be finite"),
     (SOFT.with_p_delta, r"must be below 1: else the weight buckles the storey"),
-    (jp.dimensionless, WEAK.storeys[0], STOREY, 0, 1, r"building_1.hysteresis must be None"),
 )

@@ -16,7 +16,7 @@ PAPER = jp.paper.structures()
 STEEL, RUBBER = jp.ZenerRod(0.5, 0.01, 0.05), jp.ZenerRod(0.2, 0.1, 2.0)
 
 KINDS = {"friction": "force", "links.0.friction": "force", "masses.1": "mass"}
-KINDS["buildings.1.masses.0"] = "mass"
+KINDS |= {"buildings.1.masses.0": "mass", "buildings.0.rods.1.stiffness": "stiffness"}
 TOWER = jp.System(
     masses=(1.0, 0.5),
     rods=(jp.Rod(STEEL, 1.0, (0, jp.GROUND)), jp.Rod(RUBBER, 0.8, (1, 0))),

@@ -19,56 +19,47 @@ def pair(masses=(500e3, 400e3), periods=(0.9, 0.6)):
     return [jp.Building.from_period(*x, 0.05) for x in zip(masses, periods, strict=True)]
 
 
-def call(friction_force=200e3, gap=0.1, contact=None):
-    return {"friction_force": friction_force, "gap": gap, "contact": contact}
+def beside(pair, friction=200e3, gap=0.1, contact=None):
+    return jp.Buildings(pair, jp.floor_links(pair, friction=friction, gap=gap, contact=contact))
 
 
 TONNES = {"masses": (500.0, 400.0)}
 LINK = "link 1–2, floor 1"
-DAMPER, LASTS = "friction_force = {} N should be 0 or between", "makes a contact last about"
-STIFF, SOFT = {"friction_force": 0.0, "contact": KELVIN}, {"contact": jp.KelvinVoigt(8.8e5, 0.65)}
-SHORT = rf"contact: stiffness = 8\.8e\+08 N/m {LASTS} 0\.0016 s, which should be"
-LONG = rf"contact: stiffness = 8\.8e\+05 N/m {LASTS} 1\.6 s, which should be be"
-OF_HERTZ = rf"contact: stiffness = 8\.8e\+06 N/m\^1\.5 {LASTS} 0\.75 s, .* 0\.3 s"
+DAMPER, LASTS = "slip force = {} N should be 0 or between", "makes a contact last about"
+STIFF, SOFT = {"friction": 0.0, "contact": KELVIN}, {"contact": jp.KelvinVoigt(8.8e5, 0.65)}
+SHORT = rf"stiffness = 8\.8e\+08 N/m {LASTS} 0\.0016 s, which should be"
+LONG = rf"stiffness = 8\.8e\+05 N/m {LASTS} 1\.6 s, which should be be"
+OF_HERTZ = rf"stiffness = 8\.8e\+06 N/m\^1\.5 {LASTS} 0\.75 s, .* 0\.3 s"
 PERIOD = r"building 2: natural period = 10\.5 s should be between 0\.05 and 10 s"
 WRONG = {
-    "masses in t, a damper in N": (TONNES, {}, DAMPER.format(r"2e\+05")),
-    "masses in t, a contact in N/m": (TONNES, STIFF, SHORT),
+    "masses in t, a damper in N": (TONNES, {}, f"{LINK}: {DAMPER.format('2e.05')}"),
+    "masses in t, a contact in N/m": (TONNES, STIFF, f"{LINK}: {SHORT}"),
     "one mass in t": ({"masses": (500e3, 400.0)}, {}, "the masses of floors, 400 to 5e.05 kg, sho"),
-    "a damper in kN": ({}, {"friction_force": 200.0}, DAMPER.format(200)),
+    "a damper in kN": ({}, {"friction": 200.0}, f"{LINK}: {DAMPER.format(200)}"),
     "ω for a period": ({"periods": (7.0, 10.5)}, {}, PERIOD),
-    "a contact in kN/m": ({}, SOFT, LONG),
-    "Hertz's contact in kN/m": ({}, {"contact": jp.Hertz(8.8e6)}, OF_HERTZ),
+    "a contact in kN/m": ({}, SOFT, f"{LINK}: {LONG}"),
+    "Hertz's contact in kN/m": ({}, {"contact": jp.Hertz(8.8e6)}, f"{LINK}: {OF_HERTZ}"),
 }
 
 
 @pytest.mark.parametrize(("buildings", "between", "message"), WRONG.values(), ids=WRONG)
 def test_numbers_in_a_wrong_unit_are_told_of_before_a_run(buildings, between, message):
-    buildings, between = pair(**buildings), call(**between)
-    with pytest.warns(jp.PlausibilityWarning, match=f"^dimensionless: {message}") as told:
-        jp.dimensionless(*buildings, **between)
-    assert [(len(told), told[0].filename)] == [(1, __file__)]
-    # A row of the same says the same of its link.
-    of_row = message.replace("friction_force", f"{LINK}: slip force")
-    of_row = of_row.replace("contact:", f"{LINK}:")
-    friction_force, gap, law = between.values()
-    links = jp.floor_links(buildings, friction=friction_force, gap=gap, contact=law)
-    with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {of_row}"):
+    buildings, between = pair(**buildings), {"friction": 200e3, "gap": 0.1} | between
+    links = jp.floor_links(buildings, **between)
+    with pytest.warns(jp.PlausibilityWarning, match=f"^Buildings: {message}") as told:
         row = jp.Buildings(buildings, links)
-    refused(f"^simulate: {of_row}", jp.simulate, row, RECORD, strict=True)
+    assert [(len(told), told[0].filename)] == [(1, __file__)]
+    refused(f"^simulate: {message}", jp.simulate, row, RECORD, strict=True)
 
 
 def test_gaps_are_judged_by_static_displacements():
     message = "gap = 10 m should be at most 5 times what the buildings move at an acceleration of 1"
-    with pytest.warns(jp.PlausibilityWarning, match=f"^dimensionless: {message} g, 0\\.29.* m"):
-        jp.dimensionless(*pair(), **call(gap=10.0))
-    links = jp.floor_links(pair(), gap=10.0)
-    with pytest.warns(jp.PlausibilityWarning, match=rf"^Buildings: {LINK}: {message}"):
-        jp.Buildings(pair(), links)
+    with pytest.warns(jp.PlausibilityWarning, match=rf"^Buildings: {LINK}: {message} g, 0\.29.* m"):
+        beside(pair(), gap=10.0)
     # The top moves 3 + 2 + 1 times what the weight of one floor makes of a storey.
     tower = jp.ShearBuilding.of_storeys([2e5] * 3, 1e8, 1.0, 1e-9, 1e-9)
-    row, scales = jp.Buildings((tower,), gravity=10.0).dimensionless()
-    floors = _Floors.of(row, scales)
+    alone = jp.Buildings((tower,), gravity=10.0)
+    floors = _Floors.of(alone, alone.system())
     np.testing.assert_allclose(floors.moved, 2e5 * 10 / 1e8 * np.array([3, 5, 6]), rtol=0.02)
     np.testing.assert_allclose(floors.first_periods, [tower.natural_period], rtol=1e-9)
 
@@ -76,30 +67,23 @@ def test_gaps_are_judged_by_static_displacements():
 def test_usual_numbers_are_not_told_of_and_traced_ones_not_judged():
     """The suite makes errors of warnings; a model's masses, forces and lengths are small."""
     for law in (None, KELVIN, HERTZ, jp.Newton(0.65), jp.Jankowski(3e9, 0.65)):
-        jp.dimensionless(*pair(), **call(contact=law))
-        model = pair(masses=(50.0, 40.0), periods=(0.2, 0.15))
-        jp.dimensionless(*model, **call(friction_force=20.0, gap=0.005))
+        beside(pair(), contact=law)
+        beside(pair(masses=(50.0, 40.0), periods=(0.2, 0.15)), friction=20.0, gap=0.005)
         left, right = map(jp.ShearBuilding.published, ("jankowski-left", "jankowski-right"))
         literature = jp.Jankowski(2.75e9, 0.65)  # with the force in N, of the same paper
         links = jp.floor_links((left, right), gap=0.02, contact=literature)
         jp.Buildings((left, right), links)
 
-    def gap(force, law):
-        return jp.dimensionless(*pair(), force, 0.1, contact=law)[0].initial_gap
-
-    jax.jit(gap)(1.0, jp.Hertz(1.0))
-    with pytest.warns(jp.PlausibilityWarning, match="friction_force = 1 N"):
-        jax.jit(lambda gap: jp.dimensionless(*pair(), 1.0, gap)[0].initial_gap)(0.1)
+    jax.jit(lambda force, law: beside(pair(), force, contact=law).links[0].gap)(1.0, jp.Hertz(1.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         many = jp.Building.from_period(500.0, np.array([0.5, 0.9]), 0.05)
-        jp.dimensionless(many, many, 1e9, 0.1)
+        beside((many, many), 1e9)
 
 
 OF_BLOCK, OF_STOREYS = jp.Building.from_period, jp.ShearBuilding.from_period
 OWNER, OF_ROW, ROD = "Building.from_period: ", r"Buildings: links\.0", (1e8, 0.5, 0.01, 0.1)
 STRONG = jp.floor_links(pair(), friction=1e12)
-ROW, PAIR = jp.Buildings, jp.dimensionless
 NO_NUMBER = r"must be a real number \(0 stands for none\)"
 test_numbers_that_no_building_has_are_refused = refusals(
     (lambda: pair(periods=(900.0, 600.0)), "Building.from_period: period = 900 must be betwe"),
@@ -107,9 +91,9 @@ test_numbers_that_no_building_has_are_refused = refusals(
     (OF_STOREYS, 2, 5e5, 900, 0.05, "ShearBuilding.from_period: period = 900 must be between"),
     (jp.Building, 5e11, *ROD, r"Building: mass = 5e\+11 must be between 0\.001 and 1e\+10 kg"),
     (lambda: jp.ShearBuilding(tuple(pair()), 3000), "heights.0 = 3000 must be between 0.01 an"),
-    (lambda: jp.dimensionless(*pair(), 0.0, 100.0), "gap = 100 must be between 0 and 10 m"),
-    (ROW, pair(), STRONG, rf"{OF_ROW}\.friction = 1e\+12 must be between 0 and 1e\+10 N"),
-    (PAIR, *pair(), None, 0.1, rf"friction_force = None {NO_NUMBER}"),
+    (lambda: beside(pair(), 0.0, 100.0), rf"{OF_ROW}\.gap = 100 must be between 0 and 10 m"),
+    (jp.Buildings, pair(), STRONG, rf"{OF_ROW}\.friction = 1e\+12 must be between 0 and 1e\+10 N"),
+    (lambda: beside(pair(), None), rf"friction = None {NO_NUMBER}"),
 )
 
 

@@ -201,16 +201,6 @@ def test_published_buildings_and_si_units():
     assert scales.contact_to_si(row.links[0].contact).stiffness == pytest.approx(5e9)
     frequencies = np.array(row.natural_frequencies) * float(scales.frequency)
     np.testing.assert_allclose(2 * np.pi / frequencies, [0.4, 0.5], rtol=1e-9)
-    # Two blocks are those of ``dimensionless``.
-    pair, other = jp.dimensionless(right, left.storeys[0], 5e4, 0.03)
-    link = FloorLink(0, 0, friction=5e4, gap=0.03)
-    blocks, same = jp.Buildings((right, left.storeys[0]), (link,)).dimensionless()
-    assert vars(other) == vars(same)
-    one, two = pair.system(), blocks.system()
-    np.testing.assert_allclose(one.masses, two.masses, rtol=1e-14)
-    for a, b in zip(one.rods, two.rods, strict=True):
-        assert b.stiffness == pytest.approx(a.stiffness, rel=1e-14)
-        assert vars(a.material) == pytest.approx(vars(b.material), rel=1e-14)
 
 
 LOW = ShearBuilding.from_period(2, 1e5, 0.3, 0.05)

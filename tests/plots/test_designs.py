@@ -7,7 +7,16 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.plots import designs as plots
-from tests.design.test_design import ENSEMBLE, GRID, SPACE, bowl, search, stand_in
+from tests.design.test_design import (
+    ENSEMBLE,
+    GRID,
+    IN_SI,
+    SPACE,
+    START_IN_SI,
+    bowl,
+    search,
+    stand_in,
+)
 from tests.plots.runs import legend, new_axes
 
 assert stand_in  # a fixture
@@ -74,7 +83,7 @@ def test_before_and_after_are_distributions_and_a_front_its_prices_and_objective
 
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
 def test_units_are_those_of_the_design_and_its_buildings(stand_in, ax):
-    in_si = search(iterations=3, scales=jp.Scales(mass=500e3, frequency=7.0))
+    in_si = search(space=IN_SI, start=START_IN_SI, iterations=3)
     probable = search(jp.Objective(jp.PoundingProbability(1.0)), iterations=3)
     for design, label in ((in_si, "objective (m)"), (probable, "objective")):
         assert plots.convergence(design, new_axes()).get_ylabel() == label

@@ -23,6 +23,9 @@ TIME = np.arange(0, 20, 0.05)
 RECORD = jp.Record(0.5 * np.exp(-((TIME - 4) ** 2)) * np.sin(6 * TIME), 0.05, time_unit="1/ω1")
 
 
+ALONE = jp.Buildings((jp.Building.from_period(500e3, 0.9, 0.05),))
+
+
 def pixels(png):
     with Image.open(io.BytesIO(png)) as image:
         return np.asarray(image.convert("RGB")).astype(int)
@@ -34,7 +37,6 @@ def differ(png, other):
 
 def assert_gap(explorer, structures, ground=GROUND):
     expected = jp.simulate(structures, ground, GRID)
-    expected = SCALES.to_si(expected) if explorer.response.si else expected
     np.testing.assert_allclose(explorer.response.gap, expected.gap, atol=1e-12)
     return expected
 
@@ -121,11 +123,11 @@ def test_wavelets_and_records_move_the_ground(explorer):
         explorer.sliders[name].value = value
     amplitudes, periods = [0.25, -0.15, 0.25, 0.25, 0.25], [1.25, 1.0, 2.6, 3.5, 3.8]
     assert_gap(explorer, S, jp.Ricker(amplitudes, periods, [1.5, 2.0, 3.0, 4.0, 7.0]))
-    explorer = Explorer(S, RECORD, GRID, scales=SCALES)
+    explorer = Explorer(S, RECORD, GRID)
     assert "period_1" not in explorer.sliders
     explorer.sliders["strength"].value = 2.0
     assert_gap(explorer, S, 2.0 * RECORD)
-    assert " m at t = " in explorer.words.value
+    assert " g/ω1² at t = " in explorer.words.value
 
 
 def test_a_browser_s_rounding_changes_nothing():
@@ -215,12 +217,40 @@ def test_what_is_kept_and_what_is_drawn_anew_give_the_same_picture():
     assert (pixels(of_house) == pixels(drawn[0])).mean() > 0.9
 
 
+def test_buildings_and_their_response_are_in_si():
+    left, right = (jp.Building.from_period(*x, 0.05) for x in ((500e3, 0.9), (400e3, 0.6)))
+    link = jp.FloorLink(0, 0, friction=2e5, gap=0.1, contact=jp.KelvinVoigt(2e9, 0.65))
+    pair, grid = jp.Buildings((left, right), (link,)), jp.TimeGrid.until(5.0, 0.01)
+    wave = jp.Ricker(0.03, 0.8, 2.0)
+    explorer = Explorer(pair, wave, grid)
+    expected = {f"buildings.{i}.{name}" for i in (0, 1) for name in ("order", "tau_f", "tau_x")}
+    expected |= {f"buildings.{i}.{name}" for i in (0, 1) for name in ("mass", "stiffness")}
+    expected |= {"links.0.friction", "links.0.gap", "links.0.contact.stiffness", "strength"}
+    expected |= {"links.0.contact.restitution", "amplitude_1", "period_1", "arrival_1"}
+    assert {*explorer.sliders} == expected
+    slider = explorer.sliders["links.0.friction"]
+    assert slider.children[0].value == "link 1: μ (N)"
+    units = pair.scales.units
+    assert slider._marks[-1] == pytest.approx(1.5 * float(units["force"]), rel=0.03)
+    assert explorer.sliders["arrival_1"]._marks[-1] == pytest.approx(5.0, rel=0.03)
+    assert explorer.sliders["buildings.0.mass"]._marks[[0, -1]] == pytest.approx(
+        [1e5, 2.5e6], rel=0.01
+    )
+    slider.value = 3e5
+    stronger = replace(pair, links=(replace(link, friction=3e5),))
+    run = jp.simulate(stronger, wave, grid)
+    np.testing.assert_allclose(explorer.response.gap, run.gap, atol=1e-12)
+    assert " m at t = " in explorer.words.value
+    record = jp.Record(0.2 * np.sin(6 * TIME[:40]), 0.05)
+    assert Explorer(pair, record, grid).response.si
+
+
 test_arguments_are_checked = refusals(
     ({"ground": lambda t: 0 * t}, r"ground = .* must be of type"),
     ({"structures": 3}, "structures = 3 must be of type"),
     ({"grid": 0.02}, "grid = 0.02 must be of type"),
-    ({"scales": 3}, "scales = 3 must be of type"),
     ({"structures": replace(S, friction=np.ones(2))}, "must be a single pair, not a batch"),
+    ({"structures": ALONE}, "must be two buildings of one storey with one link"),
     of=lambda change: Explorer(**{"structures": S, "ground": GROUND, "grid": GRID} | change),
 )
 
@@ -232,10 +262,9 @@ def test_without_ipywidgets_the_extra_is_named(monkeypatch):
 
 
 def test_forces_keep_to_the_unit_of_their_axis():
-    runs = (replace(S, friction=friction) for friction in (0.0, 0.5))
-    moved, at_once = (Explorer(run, GROUND, GRID, scales=SCALES) for run in runs)
-    moved.sliders["friction"].value = 0.5
-    shown = [pixels(explorer.picture.value) for explorer in (moved, at_once)]
+    runs = (jp.simulate(replace(S, friction=x), GROUND, GRID) for x in (0.0, 0.5))
+    before, after = map(SCALES.to_si, runs)
+    shown = [pixels(LivePanels(first).png(after)) for first in (before, after)]
     friction = np.s_[shown[0].shape[0] // 2 :, : shown[0].shape[1] // 2]  # below, on the left
     assert (shown[0][friction] == shown[1][friction]).all()
 

@@ -48,12 +48,15 @@ def test_every_number_stands_in_the_picture_and_none_on_another(name, legible):
 
 
 def test_numbers_in_si_stand_between_the_columns_of_their_storey():
-    scales = jp.Scales(mass=2e5, frequency=25.0)
-    ax = plots.row(ROWS["three"], scales=scales)
+    buildings = [jp.ShearBuilding.from_period(n, 2e5, n / 8, 0.05) for n in (4, 3, 4)]
+    law = jp.KelvinVoigt(2e9, 0.65)
+    links = jp.floor_links(buildings, friction=24.5e3, gap=0.0367, contact=law)
+    brace = jp.FloorLink(0, 1, friction=9.8e5, next_building=0)
+    wall = jp.FloorLink(1, 0, friction=1.37e6, next_building=jp.GROUND)
+    ax = plots.row(jp.Buildings(buildings, (*links, brace, wall)))
     ax.figure.draw_without_rendering()
     words = {text.get_text(): text.get_window_extent() for text in ax.texts}
-    gap, force = 0.234 * float(scales.length), 0.0125 * float(scales.force) / 1e3
-    numbers = {f"$\\xi_{{0,1}}$ = {gap:.3g} m", f"$\\mu_{{1}}$ = {force:.3g} kN"}
+    numbers = {r"$\xi_{0,1}$ = 0.0367 m", r"$\mu_{1}$ = 24.5 kN"}
     assert {"$m_{1}$ = 200 t", *numbers} <= words.keys()
     columns = [line.get_window_extent() for line in ax.lines if line.get_linewidth() == 2.2]
     of_rods = [box for text, box in words.items() if text.startswith("$K")]

@@ -1,5 +1,6 @@
 """What the figures of a study show: its own numbers, with units."""
 
+import dataclasses
 import types
 from functools import cache
 
@@ -50,7 +51,7 @@ def test_min_gap_s_histogram_and_distribution(found, ax, legible):
     moments = types.SimpleNamespace(smallest=-0.1, largest=0.1)
     few = {"finite": columns.__getitem__, "moments": lambda column: moments, "weighting": None}
     few |= {"stored_topology": None}
-    ax = plots.min_gap(types.SimpleNamespace(**few, scales=SCALES, columns=(*columns,)), new_axes())
+    ax = plots.min_gap(types.SimpleNamespace(**few, si=True, columns=(*columns,)), new_axes())
     assert "min = gap at rest: 30 %" in legend(ax)
     legible(ax.figure, ax.get_legend().texts)
 
@@ -79,7 +80,7 @@ def test_convergence_ends_at_the_estimate_and_exceedance_is_the_share_of_larger_
     box = ax.get_legend().get_window_extent()
     assert box.y0 >= ax.bbox.y1  # nothing drawn is under it
     assert ax.figure.bbox.x0 <= box.x0 <= box.x1 <= ax.figure.bbox.x1
-    in_si = found.in_si(SCALES)
+    in_si = dataclasses.replace(found, scales=SCALES)
     assert r"g/\omega_1^2" in ax.get_xlabel()
     assert "(m)" in plots.exceedance(in_si, new_axes()).get_xlabel()
     panel = plots.scatter_matrix(in_si, ["peak_f1"]).axes[0]
@@ -167,7 +168,7 @@ def test_scatter_has_a_panel_for_each_pair_in_the_unit_of_the_study():
         "amplitude_1": (r"amplitude 1 ($g/\omega_1^2$)", "amplitude 1 (m)", SCALES.length),
         "period_1": (r"period 1 ($1/\omega_1$)", "period 1 (s)", SCALES.time),
     }
-    for seen, place in ((found, 0), (found.in_si(SCALES), 1)):
+    for seen, place in ((found, 0), (dataclasses.replace(found, scales=SCALES), 1)):
         panels = plots.scatter_matrix(seen, names=list(units)).axes
         for ax, (name, told) in zip(panels, units.items(), strict=True):
             assert ax.get_xlabel() == told[place]

@@ -67,7 +67,7 @@ RESULTS = {
     "response of a batch": lambda runs, _: runs,
     "demand": lambda runs, _: runs[1].demand,
     "batch": lambda runs, _: runs.demand,
-    "study": lambda _, of_study: of_study.in_si(SCALES),
+    "study": lambda _, of_study: dataclasses.replace(of_study, scales=SCALES),
 }
 
 
@@ -96,7 +96,7 @@ def of_study():
 
 
 def test_a_study_is_a_row_a_sample(of_study):
-    in_si = of_study.in_si(SCALES)
+    in_si = dataclasses.replace(of_study, scales=SCALES)
     table = in_si.to_pandas()
     assert table.index.name == "sample"
     units = dict(zip(in_si.columns, table.columns, strict=True))

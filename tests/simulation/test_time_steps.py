@@ -26,7 +26,7 @@ def pair(left=LEFT, right=RIGHT, gravity=jp.STANDARD_GRAVITY, **between):
 
 
 def assert_is_what_its_parts_are(response, record, friction, gap, contact=None):
-    structures, scales = jp.dimensionless(LEFT, RIGHT, friction, gap, contact=contact)
+    structures, scales = pair(friction=friction, gap=gap, contact=contact).dimensionless()
     grid = scales.grid(record.duration, 0.01)  # half of .02 s: at most .6 s / 50
     parts = scales.to_si(jp.simulate(structures, scales.to_dimensionless(record), grid))
     np.testing.assert_allclose(response.gap, parts.gap, rtol=0, atol=1e-12)
@@ -165,7 +165,7 @@ def test_the_part_that_sets_the_limit_is_a_storey_a_building_or_the_damper_of_a_
 
 LIMIT = r"dt = 1 s must be positive and below the stability limit .* s of these str"
 ROW = jp.ShearBuilding((LEFT,))
-STRUCTURES, SCALES = jp.dimensionless(LEFT, RIGHT, 200e3, 0.1)
+STRUCTURES, SCALES = jp.paper.structures(), pair().scales
 STANDARD = {"structures": pair(), "ground": RECORD}
 FIXED = r"must be None, since the grid has it"
 test_bad_arguments_are_named_in_si = pytest.mark.unchecked(

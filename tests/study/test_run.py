@@ -118,7 +118,7 @@ def test_the_probability_of_pounding_at_any_gap_from_one_run():
 
 def test_answers_in_si_units():
     scales = jp.Scales(2e5, 7.0)
-    si = linear().in_si(scales)
+    si = dataclasses.replace(linear(), scales=scales)
     assert si.pounding_probability(0.3 * scales.length) == linear().pounding_probability(0.3)
     needed, bare = si.required_gap(0.1), linear().required_gap(0.1)
     assert_allclose(needed[:3], np.array(bare[:3]) * scales.length)
@@ -127,7 +127,21 @@ def test_answers_in_si_units():
         assert_allclose(si[name], values, rtol=1e-12)
         assert si.moments(name).mean == pytest.approx(float(np.mean(values)))
     assert "(SI)" in repr(si)
-    assert_allclose(study(LINEAR, 4, scales=scales)["pga"], study(LINEAR, 4)["pga"] * 9.80665)
+
+
+def test_a_store_of_dimensionless_structures_with_scales_opens_in_si_and_is_not_resumed(
+    tmp_path, monkeypatch
+):
+    """As earlier versions made them."""
+    bare = study()
+    with monkeypatch.context() as earlier:
+        earlier.setattr("jaxpound.study.run.result_units", lambda _: jp.Scales(1e5, 7.0))
+        study(store=tmp_path)
+    opened = jp.Study.open(tmp_path)
+    assert float(opened.scales.mass) == 1e5
+    assert (opened.unit("pga"), "(SI)" in repr(opened)) == ("m/s²", True)
+    assert_allclose(opened["pga"], bare["pga"] * 9.80665)
+    refused(r"holds another study: scales is \{.*\} there and absent", study, store=tmp_path)
 
 
 def test_any_object_with_a_dimension_and_a_way_to_realize_will_do():
@@ -234,7 +248,7 @@ def test_a_key_is_a_seed_or_a_key_and_precision_the_caller_s(tmp_path):
 
 
 def test_a_finished_study_is_read_not_run(tmp_path, monkeypatch):
-    stored = {"store": tmp_path, "scales": jp.Scales(1e5, 7.0)}
+    stored = {"store": tmp_path}
     first, before = study(**stored, notes={"who": "me"}), files(tmp_path)
     monkeypatch.setattr("jaxpound.study.chunk.Task.finish", None)
     again, opened = study(**stored), jp.Study.open(tmp_path)
@@ -242,7 +256,6 @@ def test_a_finished_study_is_read_not_run(tmp_path, monkeypatch):
         assert_same(same, first, 0, 0)
     assert files(tmp_path) == before
     assert opened.about["notes"] == {"who": "me"}
-    assert float(opened.scales.mass) == 1e5
     assert repr(opened) == repr(first)
     refused("keep_parameters=True keeps them", opened.parameters)
     assert next(iter(again.parameters())) == "friction"
@@ -305,7 +318,6 @@ def test_another_study_is_refused_with_what_differs(tmp_path):
         ({"sampling": "sobol"}, "sampling is 'plain' there and 'sobol' here"),
         ({"scheme": jp.Scheme(order=1)}, "scheme.order is 2 there and 1 here"),
         ({"keep_parameters": True}, "columns is "),
-        ({"scales": jp.Scales(1e5, 7.0)}, "scales is absent there and"),
         ({"chunk_size": 8}, "chunk_size is 16 there and 8 here"),
         ({"scenarios": of_pair}, f"{kind} is 'UncertainStructures' there and 'AdjacentStructures'"),
     ):
@@ -413,7 +425,6 @@ test_bad_arguments_are_named = refusals(
     ({"chunk_size": 2.5}, "chunk_size = 2.5 must be a positive whole number"),
     ({"shard": (0, 2)}, r"shard = \(0, 2\) must be \(i, k\)"),
     ({"shard": (1, 2)}, r"shard = \(1, 2\) must come with a store"),
-    ({"scales": 3}, "scales = 3 must be of type Scales"),
     ({"measures": {"pga": lambda s, g: 1.0}}, "'pga' is the name of a demand"),
     ({"measures": {"two": lambda s, g: jnp.ones(2)}}, r"'two' of shape \(2,\) must be one"),
     ({"measures": {"a/b": lambda s, g: 1.0}}, "column 'a/b' must have a name of 1 to 200"),
@@ -446,5 +457,4 @@ test_questions_that_make_no_sense_are_refused = refusals(
     (lambda: linear().required_gap(0.1, 95), "required_gap: confidence = 95 must be between"),
     (lambda: linear().separation(1.0), "separation: probability = 1 must be between 0 and 1"),
     (lambda: linear().correlations(kind="fancy"), "kind = 'fancy' must be one of rank, linear"),
-    (lambda: linear().in_si(3.0), "scales = 3.0 must be of type Scales"),
 )
