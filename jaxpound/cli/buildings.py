@@ -1,7 +1,7 @@
 """Buildings and what is between them, from configurations to ``jp.Buildings``, and back.
 
-Two buildings of one storey ([building_1], [building_2], gap, [damper], [contact]), or buildings in
-a row ([[building]] and [[link]], counted from 1).
+They are in a row ([[building]] and [[link]], counted from 1); two buildings of one storey may be
+written as a pair ([building_1], [building_2], gap, [damper], [contact]).
 """
 
 from __future__ import annotations
@@ -9,12 +9,11 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from msgspec import Meta
 
 import jaxpound as jp
-from jaxpound.buildings import pair_of
 from jaxpound.cli.isolation import IsolationSection, TunedMassSection, device_of
 from jaxpound.cli.reading import Section, between, each, named, of_field, ranges, refused, says
 from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
@@ -23,7 +22,7 @@ from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
 from jaxpound.cli.yielding import YIELDING, YieldingSection, keys_of
 from jaxpound.model.building import DAMPING, PERIOD
 from jaxpound.model.row import LinkLabels, by_face, meeting_floors, require_floors, require_heights
-from jaxpound.model.shear_building import HEIGHT, TAPER
+from jaxpound.model.shear_building import HEIGHT, TAPER, storeys_of
 from jaxpound.model.system import is_closable
 
 _MOST = 1000  # buildings or floors: more are a typing error
@@ -74,9 +73,7 @@ class BlockSection(YieldingSection):
             raise ValueError(f"must not have {clashing[0]} here; give {_WAYS}")
         if missing := [key for key in (_BY_PERIOD if by_period else _BY_ROD) if key not in values]:
             raise ValueError(f"lacks {', '.join(missing)}; give {_WAYS}")
-        building = self.shear()
-        if not by_period:
-            PERIOD.require("natural period", building.natural_period)
+        PERIOD.require("natural period", self.shear().natural_period)
 
     def values(self) -> dict[str, float]:
         """The values of the block and its rod that the table states."""
@@ -151,9 +148,10 @@ class BuildingSection(BlockSection):
             raise ValueError(f"lacks its storeys; give storeys, published, or {_WAYS}")
         if ways and (others := [key for key in keys if key not in (ways[0], *_BESIDE)]):
             raise ValueError(f"must not have {others[0]} beside {ways[0]}")
-        if not ways:
+        if ways:
+            PERIOD.require("natural period", self.shear().natural_period)
+        else:
             super().__post_init__()
-        PERIOD.require("natural period", self.shear().natural_period)
         self.standing(0)
 
     def standing(self, number: int) -> tuple[jp.ShearBuilding, tuple[jp.FloorLink, ...]]:
@@ -241,29 +239,16 @@ class LinkSection(Section):
         return [*by_face(links)]
 
 
-@dataclasses.dataclass(frozen=True)
-class BuildingsLayout:
-    """The buildings of a file and what is between them, in SI units and dimensionless."""
+class BuildingsLayout(NamedTuple):
+    """The buildings of a file, and what its tables say of them."""
 
-    si: jp.Buildings
-    structures: jp.AdjacentStructures | jp.Row  # dimensionless; of a pair in the paper's parameters
-    scales: jp.Scales  # units of the structures
-    tables: tuple[int | None, ...] = ()  # number of each link's [[link]]; None of a building's own
-    laws: tuple[str, ...] = ()  # names of the laws of contact
-    bearings: tuple[IsolationSection | None, ...] = (None, None)  # of each building; not of a pair
+    buildings: jp.Buildings
+    tables: tuple[int | None, ...]  # number of each link's [[link]]; None of a building's own
+    laws: tuple[str, ...]  # names of the laws of contact
+    bearings: tuple[IsolationSection | None, ...]  # of each building
 
     @classmethod
-    def of(cls, si: jp.Buildings, *more: Any) -> BuildingsLayout:
-        """A layout with its dimensionless system; ``more`` are ``tables`` and what follows."""
-        if not isinstance(si.buildings[0], jp.Building):
-            return cls(si, *si.dimensionless(), *more)
-        pair: Any = si.buildings
-        (link,) = si.links
-        between = link.friction, link.gap, link.contact, si.gravity
-        return cls(si, *pair_of("dimensionless", pair, *between), *more)
-
-    @classmethod
-    def of_row(cls, buildings: list[BuildingSection], links: list[LinkSection]) -> BuildingsLayout:
+    def of(cls, buildings: Sequence[BuildingSection], links: Sequence[LinkSection]) -> Self:
         """Buildings in a row; a ``ValueError`` for a link that cannot be."""
         standing = [building.standing(b) for b, building in enumerate(buildings)]
         models = tuple(model for model, _ in standing)
@@ -283,45 +268,32 @@ class BuildingsLayout:
         bearings = tuple(building.isolation for building in buildings)
         touching: list[Any] = [*links, *(x.wall for x in bearings if x and x.wall)]
         laws = tuple(table.contact.law for table in touching if table.contact)
-        return cls.of(jp.Buildings.of("Buildings", models, floor_links), tables, laws, bearings)
+        return cls(jp.Buildings.of("Buildings", models, floor_links), tables, laws, bearings)
 
     @property
-    def is_pair(self) -> bool:
-        """Whether the file states two buildings of one storey by the keys of a pair."""
-        return isinstance(self.structures, jp.AdjacentStructures)
-
-    @property
-    def buildings(self) -> tuple[Any, ...]:
-        """Two ``Building`` of a pair, or the ``ShearBuilding`` of a row."""
-        return self.si.buildings
+    def shear_buildings(self) -> tuple[jp.ShearBuilding, ...]:
+        """The buildings, each of them of storeys, as files have them."""
+        return self.buildings.buildings  # type: ignore[return-value]
 
     @property
     def gaps(self) -> list[float]:
         """The gaps of the links that have one, in m."""
-        return [float(link.gap) for link in self.si.links if is_closable(link.gap)]
+        return [float(link.gap) for link in self.buildings.links if is_closable(link.gap)]
 
 
 def as_toml(buildings: jp.Buildings) -> str:
-    """Buildings as a configuration of ``jaxpound simulate``: two ``Building`` as a pair.
+    """Buildings as a configuration of ``jaxpound simulate``.
 
     Raises ``InvalidInput`` for storeys of a building that do not yield by one law of a file.
     """
-    members: Any = buildings.buildings
-    if isinstance(members[0], jp.Building):
-        (link,) = buildings.links
-        lines = [f"gap = {_written(link.gap)}  # m", ""]
-        for i, building in enumerate(members, start=1):
-            keys = {key: getattr(building, key) for key in _BY_ROD}
-            keys |= {key: x for key, (x,) in keys_of([building]).items()}
-            lines += [f"[building_{i}]", *(f"{key} = {_written(x)}" for key, x in keys.items()), ""]
-        lines += ["[damper]", f"friction_force = {_written(link.friction)}  # N", ""]
-        return "\n".join(lines + (["[contact]", *_law(link.contact), ""] if link.contact else []))
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
-    for building in members:
-        storeys = building.storeys
+    for building in buildings.buildings:
+        storeys = storeys_of(building)
         series = {plural.get(key, key): [getattr(x, key) for x in storeys] for key in _BY_ROD}
-        series["heights"] = building.heights
-        yields, n_tuned = _lists(keys_of(storeys[: building.n_floors])), building.n_tuned
+        if isinstance(building, jp.ShearBuilding):
+            series["heights"] = [*building.heights]
+        n_tuned = getattr(building, "n_tuned", 0)
+        yields = _lists(keys_of(storeys[: len(storeys) - n_tuned]))
         lines += ["[[building]]", *yields, "[building.storeys]", *_lists(series)]
         lines += [f"tuned_masses = {n_tuned}  # the last of these", ""] if n_tuned else [""]
     for link in buildings.links:

@@ -16,8 +16,8 @@ import jaxpound as jp
 from jaxpound._checks import did_you_mean
 from jaxpound.cli import reading
 from jaxpound.cli.buildings import BuildingsLayout, as_toml
-from jaxpound.cli.design_report import changes, parts_of_page, summary
-from jaxpound.cli.files import kept_search, write_files, write_report
+from jaxpound.cli.design_report import answer_of, summary, tables_of
+from jaxpound.cli.files import VERSION, kept_search, write_files, write_report
 from jaxpound.cli.parameters import Parameters, VariableBounds, design_space
 from jaxpound.cli.reading import Count, File, Range, Section, Seed, between, named, refused, says
 from jaxpound.cli.structures import Shaken
@@ -117,11 +117,10 @@ def run(args: argparse.Namespace) -> None:
     config = file.read(DesignConfig)
     task = prepared(file, config, args.record)
     inputs = file.text.encode(), *(path.read_bytes() for path in args.record)
-    shaken = task.ensemble, task.grid, config.scheme
+    shaken = task.ensemble, task.grid, config.run.scheme
     with kept_search(args, "save", "search.npz", *inputs):
         design = jp.design_damper(
             *(task.space, *shaken, task.objective),
-            scales=config.scales,
             fresh=config.search.fresh or None,
             save=args.save,
             strict=args.strict,
@@ -129,11 +128,11 @@ def run(args: argparse.Namespace) -> None:
             **config.search.options(),
         )
         recorded = {name: design.compare(single) for name, single in task.recorded.items()}
-        answers = summary(design, recorded, task.parameters)
-        print(changes("quantity", answers["answer"]).text())
-        print(design)
-        designed = task.parameters.buildings(design.structures)
-        write_files(args.out, {"design.toml": file.text, "buildings.toml": as_toml(designed)})
+        answer = answer_of(design, task.parameters)
+        answers, tables = summary(design, answer, recorded), tables_of(design, answer, recorded)
+        print("\n".join(table.text() for table in tables))
+        buildings = as_toml(design.structures)
+        write_files(args.out, {"design.toml": file.text, "buildings.toml": buildings})
 
         from jaxpound.plots import designs as plots
         from jaxpound.plots.style import drawn
@@ -148,13 +147,12 @@ def run(args: argparse.Namespace) -> None:
             figures["elasticities"] = drawn(plots.tornado, slopes)
         if design.space.dimension > 1:
             figures["landscape"] = drawn(plots.landscape, design)
-        buildings = "two adjacent structures" if config.layout.is_pair else "buildings in a row"
-        parts = parts_of_page(answers, design.trained.topology)
-        write_report(args, file.origin | answers, f"Design of {buildings}", parts, figures)
+        parts: list[Any] = [VERSION, *tables]
+        write_report(args, file.origin | answers, "Design of buildings", parts, figures)
 
 
 class DesignTask(NamedTuple):
-    """The design problem, for the dimensionless system."""
+    """The design problem."""
 
     parameters: Parameters
     space: jp.DesignSpace
@@ -171,7 +169,7 @@ def prepared(file: File, config: DesignConfig, paths: Sequence[Path] = ()) -> De
         raise ValueError(f"{place} must name what may be chosen")
     constant = config.objective.goal == "gap at rest" and not config.penalties
     if constant and not any("gap" in name for name in config.variables):
-        rule = "must be given with a gap at rest among the [variables]: initial_gap of a pair"
+        rule = "must be given with a gap at rest, such as link.1.gap, among the [variables]"
         raise refused(f"{file.name}: [objective] goal", rule, '"gap at rest"')
     recorded = _recorded(file, config.recorded, paths)
     ground, grid = config.shaking(file, recorded.values())
@@ -179,17 +177,16 @@ def prepared(file: File, config: DesignConfig, paths: Sequence[Path] = ()) -> De
     if batch is not None and batch > (most := n + len(recorded)):
         rule = f"must be at most the number of earthquakes, {most}"
         raise refused(f"{file.name}: [search] batch", rule, str(batch))
-    shaking = {name: config.scales.to_dimensionless(record) for name, record in recorded.items()}
     with named(f"{file.name}:"):
-        scenarios = jp.Scenarios(config.structures, ground)
+        scenarios = jp.Scenarios(config.buildings, ground)
     with named(f"{file.name}: [search] earthquakes:"):
         ensemble = jp.Ensemble.drawn(scenarios, n, config.search.seed)
-    if shaking:
+    if recorded:
         with named(f"{file.name}:"):
-            ensemble = ensemble.including([*shaking.values()], grid)
+            ensemble = ensemble.including([*recorded.values()], grid)
     parameters = Parameters(config.layout)
     space = design_space(place, config.variables, parameters)
-    alone = {name: jp.Ensemble.of([record], grid) for name, record in shaking.items()}
+    alone = {name: jp.Ensemble.of([record], grid) for name, record in recorded.items()}
     objective = priced(file.name, config.objective, config.limits, config.penalties, config.layout)
     return DesignTask(parameters, space, ensemble, alone, objective, grid)
 
@@ -217,7 +214,7 @@ def priced(
     layout: BuildingsLayout,
 ) -> jp.Objective:
     """The library's ``Objective`` of these buildings; ``name`` is the name of the file."""
-    laws, system = layout.laws, layout.structures.system()
+    laws, system = layout.laws, layout.buildings.system()
     goal = f'"{objective.goal}"'
     if laws and objective.goal == "pounding probability":
         rule = "must not be given with a law of [contact]: whether they meet is the same"

@@ -17,6 +17,7 @@ from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import SampleInterval, require_threshold
 from jaxpound.results.named import demand_in_words
 from jaxpound.simulation.time_steps import natural_periods, record_grid
+from jaxpound.units import SI_UNITS
 
 _Numbers = Annotated[list[float], says("a list of numbers", min_length=1)]
 _LEVELS = Range(1e-6, 100, "g", "twenty times the strongest PGA that was recorded")
@@ -131,7 +132,7 @@ def records(
     if (to := config.target) is None:
         return suite, None
     with named(f"{file.name}: [target]"):
-        periods = natural_periods(config.structures, config.scales)
+        periods = natural_periods(config.buildings, SI_UNITS)
         span: Any = _RANGES[to.code](*periods) if to.code else to.range
         target = jp.TargetSpectrum(to.periods, to.accelerations, to.damping)
         scaled = suite.scaled_to(
@@ -148,13 +149,13 @@ def analysed(
     store: Path | None = None,
 ) -> jp.IncrementalDynamicAnalysis:
     """The analysis of the buildings under these records."""
-    ladder, system = config.ida, (config.structures, config.scales, config.scheme)
-    run = config.run
-    grid = record_grid(f"{file.name}: [run]", *system, [*suite], run.duration, run.dt)
-    period = ladder.period or max(natural_periods(config.structures, config.scales))
+    ladder, run, buildings = config.ida, config.run, config.buildings
+    options = SI_UNITS, run.scheme, [*suite], run.duration, run.dt
+    grid = record_grid(f"{file.name}: [run]", buildings, *options)
+    period = ladder.period or max(natural_periods(buildings, SI_UNITS))
     with named(f"{file.name}: [ida]"):
         return jp.incremental_dynamic_analysis(
-            config.structures,
+            buildings,
             suite,
             grid,
             intensities=np.array(ladder.intensities),
@@ -162,8 +163,7 @@ def analysed(
             demand=ladder.demand,
             threshold=ladder.threshold,
             refine=ladder.refine,
-            scales=config.scales,
-            scheme=config.scheme,
+            scheme=run.scheme,
             strict=strict,
             store=store,
             progress=sys.stderr.isatty(),

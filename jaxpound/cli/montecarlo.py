@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import math
 import re
 import sys
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import jax
 
@@ -17,8 +16,10 @@ from jaxpound.cli.reading import Count, File, Section, Seed, between, refused
 from jaxpound.ground.intensity import spectral_acceleration
 from jaxpound.ground.measure import Measure
 from jaxpound.ground.motion import GroundLike
+from jaxpound.ground.run_input import as_run
 from jaxpound.quantities import SI
 from jaxpound.simulation.time_steps import natural_periods
+from jaxpound.units import SI_UNITS
 
 _Correlation = Annotated[float, between(-1, 1, "", "of the same parameter of storeys")]
 
@@ -53,16 +54,14 @@ def run(args: argparse.Namespace) -> None:
         raise ValueError(f"argument --shard: {args.shard!r} {rule}")
     measures = {}
     if options.spectral_acceleration:  # at the natural periods
-        frequencies, gravity = config.structures.natural_frequencies, float(config.scales.gravity)
-        for i, period in enumerate(natural_periods(config.structures, config.scales)):
+        for i, period in enumerate(natural_periods(config.buildings, SI_UNITS), 1):
             name = str(Measure.spectral_acceleration(period, SI["time"], SI["acceleration"]))
-            of_building = SpectralAcceleration(name, i, float(frequencies[i]), grid, gravity)
-            measures[f"spectral_acceleration_{i + 1}"] = of_building
+            measures[f"spectral_acceleration_{i}"] = SpectralAcceleration(name, period, grid)
     study = jp.monte_carlo(
         scenarios,
         options.samples if args.samples is None else args.samples,
         grid,
-        config.scheme,
+        config.run.scheme,
         options.seed,
         sampling=options.sampling,
         store=args.store,
@@ -70,7 +69,6 @@ def run(args: argparse.Namespace) -> None:
         measures=measures,
         keep_parameters=True,
         keep_failures=options.keep_failures,
-        scales=config.scales,
         notes={"configuration": file.text},
         shard=(int(shard[1]), int(shard[2])),
         strict=args.strict,
@@ -92,18 +90,13 @@ def prepared(file: File, config: StudyConfig) -> tuple[jp.Scenarios, jp.TimeGrid
 
 @dataclasses.dataclass(frozen=True)
 class SpectralAcceleration:
-    """At the natural period of a building, with 5 % of damping, m/s²."""
+    """At the natural period of a building as the file states it, with 5 % of damping, m/s²."""
 
-    measure: str  # with the stated period of the building
-    building: int
-    frequency: float  # the building's stated natural frequency, dimensionless
+    measure: str
+    period: float
     grid: jp.TimeGrid
-    gravity: float
 
-    def __call__(self, structures: jp.AdjacentStructures | jp.Row, ground: GroundLike) -> jax.Array:
-        """Value in a scenario: at the random period of a pair, at the stated one of a row."""
-        frequency: Any = self.frequency
-        if isinstance(structures, jp.AdjacentStructures):
-            frequency = structures.natural_frequencies[self.building]
-        period = 2 * math.pi / frequency
-        return self.gravity * spectral_acceleration(ground, self.grid, period=period)
+    def __call__(self, buildings: jp.Buildings, ground: GroundLike) -> jax.Array:
+        """Value in a scenario."""
+        in_si = as_run(ground, self.grid, buildings.gravity)
+        return spectral_acceleration(in_si, self.grid, period=self.period)

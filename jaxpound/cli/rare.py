@@ -21,9 +21,10 @@ from jaxpound.cli.parameters import Parameters, Uncertain, by_path
 from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, named, refused
 from jaxpound.cli.tables import Gap, require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
+from jaxpound.model.parameters import get
 from jaxpound.reliability.run import choice, event_of, require_smooth
 from jaxpound.reliability.target import WITHOUT_JUMPS
-from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, kind_of, unit_of
+from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, unit_of
 from jaxpound.scenarios.scenarios import grounds_at
 
 _CHECKED = 64  # random earthquakes that must be plausible
@@ -95,13 +96,8 @@ class RareConfig(Uncertain, kw_only=True):
         """The event in words."""
         if (threshold := self.limit.lowest_threshold) is None:
             return "pounding"
-        words = in_words(self.limit.demand_name, self.structures.system().topology)
+        words = in_words(self.limit.demand_name, self.buildings.system().topology)
         return f"{words} of {f'{threshold:g} {self.limit.unit}'.rstrip()} or more"
-
-    def dimensionless(self, threshold: float | None) -> float | None:
-        """A threshold as one of the dimensionless system."""
-        size = float(self.scales.unit_of(kind_of(self.limit.demand_name)))
-        return None if threshold is None else threshold / size
 
 
 class RareResult(NamedTuple):
@@ -109,7 +105,7 @@ class RareResult(NamedTuple):
 
     config: RareConfig
     event: jp.RareEvent
-    curve: Mapping[float, jp.RareEvent]  # events by other thresholds in SI units, which rise
+    curve: Mapping[float, jp.RareEvent]  # events by other thresholds, which rise
     target: dict[str, Any] | None = None  # ``reached``, for JSON
 
 
@@ -143,15 +139,15 @@ def run(args: argparse.Namespace) -> None:
 
 
 def limit_state(file: File, config: RareConfig) -> jp.LimitState:
-    """The event, dimensionless."""
+    """The event."""
     scenarios, grid = config.scenarios(file)
     limit, place = config.limit, f"{file.name}: [limit]"
     if limit.demand_name == REQUIRED_GAP and not config.layout.gaps:
         rule = "must be of buildings with a gap: give a [[link]] one, or another demand"
         raise refused(f"{place} gap", rule)
     with named(place):
-        threshold = config.dimensionless(limit.lowest_threshold)
-        return jp.LimitState(scenarios, grid, config.scheme, limit.demand_name, threshold)
+        options = config.run.scheme, limit.demand_name, limit.lowest_threshold
+        return jp.LimitState(scenarios, grid, *options)
 
 
 def searched(
@@ -171,7 +167,7 @@ def searched(
         name = "pounding" if threshold is None else f"threshold-{threshold:.9g}"
         if len(thresholds) > 1:
             print(f"jaxpound: {name.replace('-', ' ')} ...", file=sys.stderr)
-        at = dataclasses.replace(state, threshold=config.dimensionless(threshold))
+        at = dataclasses.replace(state, threshold=threshold)
         with named(f"{file.name}: [search]"):
             event = event_of(at, start=start, store=store and store / name, **options)
         events[threshold] = event
@@ -188,7 +184,7 @@ def reached(
     result: RareResult,
     store: Path | None,
 ) -> dict[str, Any]:
-    """The parameter at which the event has the target probability, for JSON, in SI units."""
+    """The parameter at which the event has the target probability, for JSON."""
     config, state = result.config, result.event.limit_state
     with named(f"{file.name}: [design]"):
         reach = jp.reach_probability(
@@ -197,7 +193,7 @@ def reached(
             state.scenarios,
             state.grid,
             demand=state.demand,
-            threshold=config.dimensionless(config.limit.lowest_threshold),
+            threshold=state.threshold,
             scheme=state.scheme,
             tolerance=target.tolerance,
             key=config.search.seed,
@@ -205,13 +201,12 @@ def reached(
             store=store and store / "design",
             progress=sys.stderr.isatty(),
         )
-    before, scale, unit = parameters.in_si_units(path)
     return {
-        "parameter": target.parameter,
-        "unit": unit,
-        "before": before,
-        "value": reach.value * scale,
-        "standard_error": reach.error * scale,
+        "parameter": parameters.key_of[path],
+        "unit": parameters.unit_of(path),
+        "before": float(get(parameters.buildings, path)),
+        "value": reach.value,
+        "standard_error": reach.error,
         "wanted_probability": reach.target,
         "probability": reach.event.probability,
         "cov": reach.event.cov,
@@ -220,11 +215,11 @@ def reached(
         "warnings": list(reach.event.warnings),
         "steps": [
             {
-                "value": step.value * scale,
+                "value": step.value,
                 "probability": step.probability,
                 "cov": step.cov,
-                "slope_of_ln_probability": step.slope.value / scale,
-                "slope_error": step.slope.error / scale,
+                "slope_of_ln_probability": step.slope.value,
+                "slope_error": step.slope.error,
             }
             for step in reach.steps
         ],
@@ -239,16 +234,16 @@ def report_result(args: argparse.Namespace, file: File, result: RareResult) -> N
     from jaxpound.plots import rare_events as plots
     from jaxpound.plots.style import drawn
 
-    answers, scales = summary(file, result), result.config.scales
+    answers = summary(file, result)
     figures, files, remarks = {}, {}, []
     if curve := answers["curve"]:
         files["curve.csv"] = csv_text([*curve[0]], (row.values() for row in curve))
     if len(result.event.design_points):
-        figures["design_earthquake"] = drawn(plots.design_earthquake, result.event, scales=scales)
+        figures["design_earthquake"] = drawn(plots.design_earthquake, result.event)
         first, state = result.event.design_earthquakes[0], result.event.limit_state
         response = jp.simulate(first.structures, first.ground, state.grid, state.scheme)
-        time = np.asarray(response.time) * float(scales.time)
-        rows = zip(time, np.asarray(response.ground_acceleration), strict=True)
+        acceleration = np.asarray(response.ground_acceleration) / result.config.buildings.gravity
+        rows = zip(np.asarray(response.time), acceleration, strict=True)
         files["design_earthquake.csv"] = "".join(f"{t:.9g},{a:.9g}\n" for t, a in rows)
         remarks.append(
             "The design earthquake is the likeliest ground motion that brings the event about. "
@@ -256,16 +251,16 @@ def report_result(args: argparse.Namespace, file: File, result: RareResult) -> N
             "`jaxpound simulate --record design_earthquake.csv --units g` reads it."
         )
     if events := [*result.curve.values()]:
-        figures["probability"] = drawn(plots.probability_curve, events, scales=scales)
+        figures["probability"] = drawn(plots.probability_curve, events)
     parts = [VERSION, *parts, *remarks]
     write_report(args, answers, "Probability of a rare event", parts, figures, files)
 
 
 def summary(file: File, result: RareResult) -> dict[str, Any]:
-    """The search in numbers, for JSON; lengths, times and forces are in SI units."""
-    event, limit, time = result.event, result.config.limit, float(result.config.scales.time)
+    """The search in numbers, for JSON."""
+    event, limit = result.event, result.config.limit
     earthquakes = [
-        {"reliability_index": float(np.linalg.norm(z)), "time_s": float(at) * time}
+        {"reliability_index": float(np.linalg.norm(z)), "time_s": float(at)}
         for z, at in zip(event.design_points, event.instants, strict=True)
     ]
     times, shares = event.failures_by_instant
@@ -280,7 +275,7 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
         "warnings": list(event.warnings),
         "largest_share_of_a_sample": event.largest_share,
         "share_where_samples_are_thin": event.thin,
-        "mean_time_of_failure_s": float(times @ shares) * time if len(times) else None,
+        "mean_time_of_failure_s": float(times @ shares) if len(times) else None,
         "design_earthquakes": earthquakes,
         "curve": [_numbers(*pair) for pair in result.curve.items()],
         "design": result.target,
@@ -302,11 +297,11 @@ def _numbers(threshold: float | None, event: jp.RareEvent) -> dict[str, Any]:
 
 
 def tables(result: RareResult) -> list[TextTable]:
-    """The results for people, in SI units."""
+    """The results for people."""
     config, (of_event,) = result.config, result.event._tables()
     parts = [of_event._replace(title=f"Rare event: {config.event}")]
     if result.curve:
-        words = demand_in_words(config.limit.demand_name, True, config.structures.system().topology)
+        words = demand_in_words(config.limit.demand_name, True, config.buildings.system().topology)
         columns = (words, "probability", "95 % from", "to", "by FORM", "runs", "gradients")
         rows, notes = [], []
         for threshold, event in result.curve.items():

@@ -1,4 +1,4 @@
-"""Results of a run as numbers and words, for a row; a pair's file has some, by its own keys."""
+"""Results of a run as numbers and words."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from jaxpound.results.impacts import ImpactSeries
 def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
     """The scalars of a run; units are in the names, numbers count from 1."""
     demand, energy = response.demand, response.energy
-    floors = jp.floor_demands(layout.structures, demand, layout.buildings)
-    members = zip(layout.buildings, floors, layout.bearings, strict=True)
-    links = [_of_link(layout, response, k) for k in range(len(layout.si.links))]
+    floors = jp.floor_demands(layout.buildings, demand)
+    members = zip(layout.shear_buildings, floors, layout.bearings, strict=True)
+    links = [_of_link(layout, response, k) for k in range(len(layout.tables))]
     contacts = [link["first_contact_s"] for link in links if link["first_contact_s"] is not None]
     return json_safe(
         {
@@ -39,27 +39,12 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
             "kinetic_energy_J": float(energy.kinetic[-1]),
             "energy_residual_over_input": float(energy.relative_residual),
             "buildings": [
-                _of_building(*member, demand, _on_it(layout.si.links, b))
+                _of_building(*member, demand, _on_it(layout.buildings.links, b))
                 for b, member in enumerate(members)
             ],
             "links": links,
         }
     )
-
-
-def of_form(results: dict[str, Any], is_pair: bool) -> dict[str, Any]:
-    """Results by the keys of their file."""
-    links = results["links"]
-    if not is_pair:  # a link without a damper has no slip
-        no_slip: dict[str, Any] = {"slip_distance_m": None}
-        return results | {"links": [x if x["friction_force_N"] else x | no_slip for x in links]}
-    numbers = {key: x for key, x in results.items() if key not in ("buildings", "links")}
-    numbers |= {key: links[0][key] for key in ("slip_distance_m", "residual_offset_m", "contact")}
-    peaks = ("peak_displacement_m", "peak_absolute_acceleration_m_per_s2", "base_shear_N")
-    for i, building in enumerate(results["buildings"], 1):
-        of_both = building | building["modes"][0]
-        numbers[f"building_{i}"] = {x: of_both[x] for x in ("period_s", "damping_ratio", *peaks)}
-    return numbers
 
 
 def _on_it(links: Any, building: int) -> list[Any]:
@@ -76,18 +61,15 @@ def _of_building(
     building: Any, floors: Any, bearing: Any, demand: jp.Demand, links: list[Any]
 ) -> dict[str, Any]:
     keys = ("period_s", "damping_ratio", "share_of_mass", "overdamped")
-    if isinstance(building, jp.Building):  # as the file of a pair states it
-        modes: list[Any] = [(building.natural_period, building.damping_ratio, 1.0, False)]
-        building = jp.ShearBuilding((building,))
-    else:
-        by = jp.modes(jp.Row((in_units(building, 1.0, 1.0, 1.0),), tuple(links)))
-        modes = [*zip(by.periods, by.damping_ratios, by.participation, by.overdamped, strict=True)]
+    by = jp.modes(jp.Row((in_units(building, 1.0, 1.0, 1.0),), tuple(links)))
+    modes = zip(by.periods, by.damping_ratios, by.participation, by.overdamped, strict=True)
     heights = building.heights[: building.n_floors]
     storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
     above = slice(bearing is not None, None)  # storeys above bearings
     return {
         "storeys": building.n_floors,
         "height_m": float(building.elevations[-1]),
+        "natural_period_s": float(building.natural_period),
         "series": [mass + 1 for mass in floors.masses],
         "peak_displacement_m": float(np.max(floors.displacement)),
         "peak_drift_m": float(np.max(floors.drift[above])),
@@ -119,12 +101,12 @@ def _of_storey(rod: RodDemand) -> dict[str, float]:
 
 
 def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:
-    link, demand = layout.si.links[k], response.demand.links[k]
-    before = sum(x.damper is not None for x in layout.si.links[:k])
+    links, demand = layout.buildings.links, response.demand.links[k]
+    link, before = links[k], sum(x.damper is not None for x in links[:k])
     damper = response.demand.rods[len(response.masses) + before] if link.damper else None
     ground = link.other_floor == jp.GROUND
     return {
-        "table": layout.tables[k] if layout.tables else None,
+        "table": layout.tables[k],
         "between": link_places(response.topology)[k],
         "building": link.building + 1,
         "floor": link.floor + 1,
@@ -135,7 +117,7 @@ def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str
         "min_gap_m": float(demand.min_gap),
         "min_gap_time_s": float(demand.min_gap_time) if math.isfinite(link.gap) else None,
         "first_contact_s": _first_contact(response, k),
-        "slip_distance_m": float(demand.slip_distance),
+        "slip_distance_m": float(demand.slip_distance) if link.friction else None,
         "damper_energy_J": float(demand.friction_work),
         "residual_offset_m": float(demand.residual_offset),
         "inerter_force_N": _largest(response.links[k].inertia),
@@ -180,9 +162,9 @@ def _columns(cls: type, only: str = "") -> dict[str, str]:
     return {x: column(x, y.kind, si=True) for x, y in fields if not only or y.only == only}
 
 
-def envelope(layout: BuildingsLayout, response: jp.Response) -> str:
+def envelope(buildings: jp.Buildings, response: jp.Response) -> str:
     """The table of ``FloorDemands`` of all buildings, with what yields, as CSV."""
-    floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
+    floors = jp.floor_demands(buildings, response.demand)
     tables = [dataclasses.replace(x, ductility=None).to_columns() for x in floors]
     columns = {name: np.concatenate([x[name] for x in tables]).tolist() for name in tables[0]}
     storeys = [_of_storey(response.demand.rods[mass]) for x in floors for mass in x.masses]

@@ -92,15 +92,13 @@ def run(args: argparse.Namespace) -> None:
     layout = configuration.layout
     answers = summary(file, configuration, in_numbers, response)
     print(page(answers, response.demand.checked_floors))
-    numbers = results.of_form(answers["results"], layout.is_pair)
-    files: dict[str, Any] = {"summary.json": json_text(answers | {"results": numbers})}
+    files: dict[str, Any] = {"summary.json": json_text(answers)}
     if configuration.output.series == "npz":
         columns: Any = response.to_columns()
         files["series.npz"] = lambda to: np.savez(to, **columns)
     elif configuration.output.series == "csv":
         files["series.csv"] = response.to_csv
-    if not layout.is_pair:
-        files["floors.csv"] = results.envelope(layout, response)
+    files["floors.csv"] = results.envelope(layout.buildings, response)
     write_files(args.out, files | images(_figures(layout, response), args.pdf))
 
 
@@ -108,36 +106,32 @@ def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
     from jaxpound import plots
     from jaxpound.plots.style import drawn
 
-    by_law = any(link.contact is not None for link in response.links)
+    gaps, several = bool(layout.gaps), len(response.links) > 1
     dampers = any(link.has_damper for link in response.links)
-    gaps = layout.is_pair or bool(np.isfinite(response.min_gap))
-    names = ["ground_motion", "displacements"]
-    names += ["gap"] * gaps + ["gap_map"] * (gaps and not layout.is_pair)
-    names += ["friction_force", "friction_hysteresis"] * dampers + ["rod_hysteresis"]
-    names += ["contact_force", "contact_hysteresis"] * by_law + ["energy"]
-    figures = {"overview": drawn(plots.overview, response)}
-    if not layout.is_pair:
-        elevations = [building.elevations for building in layout.buildings]
-        floors = jp.floor_demands(layout.structures, response.demand, layout.buildings)
-        figures["row"] = drawn(plots.row, layout.structures, elevations, scales=layout.scales)
-        figures["envelopes"] = drawn(plots.envelopes, floors, elevations)
-        for i, building in enumerate(layout.buildings, 1):
-            if len(building.storeys) > 1:
-                figures[f"mode_shapes_{i}"] = drawn(plots.mode_shapes, building)
-    loops = [] if layout.is_pair else [x for x in names if x.endswith("_hysteresis")]
-    figures |= {x: drawn(plots.hysteresis, response, x.partition("_")[0]) for x in loops}
-    return figures | {x: drawn(getattr(plots, x), response) for x in names if x not in loops}
+    names = ["overview", "ground_motion", "displacements", "energy"]
+    names += ["gap"] * gaps + ["gap_map"] * (gaps and several) + ["friction_force"] * dampers
+    names += ["contact_force"] * bool(layout.laws)
+    elevations = [building.elevations for building in layout.shear_buildings]
+    floors = jp.floor_demands(layout.buildings, response.demand)
+    figures = {name: drawn(getattr(plots, name), response) for name in names}
+    figures["row"] = drawn(plots.row, layout.buildings, elevations)
+    figures["envelopes"] = drawn(plots.envelopes, floors, elevations)
+    for i, building in enumerate(layout.shear_buildings, 1):
+        if len(building.storeys) > 1:
+            figures[f"mode_shapes_{i}"] = drawn(plots.mode_shapes, building)
+    loops = ["rod", *["friction"] * dampers, *["contact"] * bool(layout.laws)]
+    return figures | {f"{x}_hysteresis": drawn(plots.hysteresis, response, x) for x in loops}
 
 
 def respond(
     file: File, configuration: Simulation, record: jp.Record, *, strict: bool = False
 ) -> jp.Response:
     """The run in SI units, as the library makes it of these buildings."""
-    run, buildings = configuration.run, configuration.layout.si
-    scheme, place = run.scheme(SI_UNITS), f"{file.name}: [run]"
-    grid = record_grid(place, buildings, SI_UNITS, scheme, [record], run.duration, run.dt, strict)
+    run, buildings = configuration.run, configuration.buildings
+    options = SI_UNITS, run.scheme, [record], run.duration, run.dt, strict
+    grid = record_grid(f"{file.name}: [run]", buildings, *options)
     with named(f"{file.name}:"):
-        return jp.simulate(buildings, record, grid, scheme, strict=strict)
+        return jp.simulate(buildings, record, grid, run.scheme, strict=strict)
 
 
 def summary(

@@ -178,11 +178,11 @@ class RunSection(Section):
             rule = 'must be given with friction = "smoothed", and only then'
             raise refused("smoothing_velocity", rule)
 
-    def scheme(self, scales: jp.Scales) -> jp.Scheme:
-        """The discretisation of the dimensionless system."""
+    @property
+    def scheme(self) -> jp.Scheme:
+        """The discretisation, in SI units."""
         if self.smoothing_velocity is not None:
-            velocity = self.smoothing_velocity * float(scales.time / scales.length)
-            return jp.Scheme(jp.Smoothed(velocity), order=self.order)
+            return jp.Scheme(jp.Smoothed(self.smoothing_velocity), order=self.order)
         law = jp.Switching() if self.friction == "switching" else jp.EventResolved()
         return jp.Scheme(law, order=self.order)
 
@@ -222,6 +222,13 @@ class DistributionSpec(Section):
         if kind == "lognormal":
             return jp.LogNormal(factor * x[0], x[1])
         return (jp.Uniform if kind == "uniform" else jp.Normal)(factor * x[0], factor * x[1])
+
+    @property
+    def inverse(self) -> DistributionSpec | None:
+        """The distribution of 1 over the variable; None if it is none of a file."""
+        if self.lognormal is None:
+            return None
+        return DistributionSpec(lognormal=(1 / self.lognormal[0], self.lognormal[1]))
 
     def require(self, place: str, allowed: Range) -> None:
         """A ``ValueError`` if it is no distribution, or some of its draws would be out of range."""
@@ -362,21 +369,18 @@ class Earthquakes(Section):
         noise = self._noise()
         return [*records, noise.draw(jnp.zeros(noise.dimension))]
 
-    def motion(self, records: Sequence[jp.Record], scales: jp.Scales) -> GroundDraw:
-        """The random ground motion, dimensionless; ``records`` are those that the file names."""
+    def motion(self, records: Sequence[jp.Record]) -> GroundDraw:
+        """The random ground motion; ``records`` are those that the file names."""
         if self.filter is not None:
-            return scales.to_dimensionless(self._noise())
+            return self._noise()
+        drawn = {
+            key: x.times(1.0) for key, x in self.stated().items() if isinstance(x, DistributionSpec)
+        }
         if records:
-            motions = tuple(scales.to_dimensionless(record) for record in records)
-            factor = self.factor.times(1.0) if self.factor else None
-            return jp.RandomRecord(motions, factor, tuple(self.weights) if self.weights else None)
-        units = {"amplitude": scales.length, "periods": scales.time, "arrivals": scales.time}
-        return jp.RandomRicker(
-            **{key: getattr(self, key).times(1 / float(unit)) for key, unit in units.items()},
-            wavelets=cast("int", self.wavelets),
-            negative=0.5 if self.negative is None else self.negative,
-            intensity=self.intensity.times(1.0) if self.intensity else None,
-        )
+            weights = tuple(self.weights) if self.weights else None
+            return jp.RandomRecord(tuple(records), weights=weights, **drawn)
+        negative = 0.5 if self.negative is None else self.negative
+        return jp.RandomRicker(cast("int", self.wavelets), negative=negative, **drawn)
 
     def _noise(self) -> jp.FilteredNoise:
         table: Any = self  # with all keys that its filter needs

@@ -50,7 +50,7 @@ def simulated(text: str, record: Path, folder: Path):
     screen = run("simulate", "--record", record, "--config", path, "--out", out)
     given = File("row.toml", text).read(Simulation)
     ground = shaking(File("row.toml", text), given.ground, jp.read_record(record))
-    return screen, out, given.layout, jp.simulate(given.layout.si, ground, duration=1.6)
+    return screen, out, given.layout, jp.simulate(given.layout.buildings, ground, duration=1.6)
 
 
 def faults(lines: str) -> list[list[str]]:
@@ -96,6 +96,6 @@ def refusal(capsys, *arguments: object) -> str:
 
 
 def example_pair(friction_force: float, gap: float):
-    """The example's buildings by the library: dimensionless, and their scales."""
-    blocks = (jp.Building.from_period(*x, 0.05) for x in ((500e3, 0.9), (400e3, 0.6)))
-    return jp.dimensionless(*blocks, friction_force=friction_force, gap=gap)
+    """The example's buildings by the library."""
+    blocks = tuple(jp.Building.from_period(*x, 0.05) for x in ((500e3, 0.9), (400e3, 0.6)))
+    return jp.Buildings(blocks, (jp.FloorLink(0, 0, friction=friction_force, gap=gap),))

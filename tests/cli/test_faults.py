@@ -100,7 +100,7 @@ amplitude = {unifrom = [1, 2]} => did you mean 'uniform'?
 amplitude = {uniform = [0, nan]} => ; uniform = [0, nan] must be two finite numbers
 friction = {uniform = [2, 1]} => [uncertain] friction: high = 1 must be finite and above low = 2
 "rod_1.tau_x" = {normal = [0.01, 1e-4]}
-    => [uncertain], in SI units: rod_1.tau_x ~ Normal(mean=0.00064
+    => [uncertain] rod_1.tau_x ~ Normal(mean=0.00064
 friction_force = 0 => [uncertain] friction must be of a value above
 negative = 2.0 => [earthquakes] negative = 2.0 must be between 0 and 1
 wavelets -> records = ["a"] => [earthquakes] amplitude must not be given with records
@@ -132,18 +132,22 @@ friction = {lognormal = [1.0, 100]} => [uncertain] friction = {lognormal = [1, 1
     2.745e+206 once in 1,000,000 draws; it must stay between 0 and 1e+06
 friction = {normal = [0, 1]} => [uncertain] friction = {normal = [0, 1]} reaches -4.753 once in
 stiffness_ratio -> mass_ratio = {lognormal = [1e-7, 0.1]} => [uncertain] mass_ratio = {lognormal
-    = [1e-07, 0.1]}, once in 1,000,000 draws: [building_2] mass =
+    = [1e-07, 0.1]}, once in 1,000,000 draws: building.2.floor.1.mass =
+stiffness_ratio -> mass_ratio = {normal = [1.0, 0.1]} => [uncertain] mass_ratio must be a lognormal
+    factor, or have bounds above 0; give a factor on the mass, building.2.floor.1.mass, instead
+stiffness_ratio -> "link.1.friction_force" = {lognormal = [1.0, 0.1]}
+    => [uncertain] friction and link.1.friction_force must not stand for the same parameter
 stiffness_ratio = {uniform = [1.0, 1e6]}
-    => [building_2] natural period = 0.00026429 s must be between 0.002 and 60 s
+    => building 2: natural period = 0.00026429 s must be between 0.002 and 60 s
 [contact] ; law = 'newton' ; restitution = 0.65 & stiffness_ratio -> contact.stiffness =
     {uniform = [0.5, 2.0]} => [uncertain] contact.stiffness must be a parameter of the law of
     contact, which has restitution
 stiffness_ratio -> "contact.stiffness" = {uniform = [0.5, 2.0]} => [uncertain] contact.stiffness
-    must be a parameter of the law of contact, and the file has no [contact]
+    must be of a [[link]] with contact: link.1 has no contact
 [contact] ; law = 'newton' ; restitution = 0.65 & stiffness_ratio -> contact.restitutoin =
     {uniform = [0.5, 2.0]} => [uncertain] has an unknown key 'contact
 [contact] ; law = 'newton' ; restitution = 0.65 & stiffness_ratio -> contact.restitution =
-    {uniform = [1e-4, 1.2]} => [contact] restitution = 6.57799e-05 must be between 0.001 and 1
+    {uniform = [1e-4, 1.2]} => link.1.contact.restitution = 6.57799e-05 must be between 0.001 and 1
     (speed at
 """
 FAULTS["design"] = r"""
@@ -157,11 +161,12 @@ batch = 6400 => [search] batch = 6400 must be at most the number of
 friction = {low = 2.0, high = 5.0}
     => scale = "linear" or "log"}; low and high must hold the factor 1
 friction = {low = 0.0, high = 1e6}
-    => at a bound: [damper] friction_force = 2e+11 N must be between 0 and 1e+10 N
+    => at a bound: link.1.friction_force = 2e+11 N must be between 0 and 1e+10 N
 friction = {low = 0.0, hihg = 5.0} => did you mean 'high'?
 "rod_1.tau_f" = {low = 0.5, high = 1000} => [variables] rod_1.tau_f = 3.7846988 s^order, as
     large as it may be, must be below tau_x = 0.32098712 s^order
-"rod_1.tau_x" = {low = 0.5, high = 1e6} => [building_1] natural per
+"rod_1.tau_x" = {low = 0.5, high = 1e6} => at a bound: building 1: natural period
+friction = { -> mass_ratio = {low = 0.0, high = 2.0} => [variables] mass_ratio must be a lognormal
 goal = "gap" => [objective] goal = "gap" must be one of
 goal = "men gap" => did you mean 'mean gap'?
 share = 0.1 => [objective] share must not be given with goal
@@ -221,6 +226,9 @@ cov = 2 => [search] cov = 2 must be between 0.001 and 0.99
 method = "form" => [search] method = "form" must be one of "auto"
 [design] ; probability = 0.1 ; parameter = "fiction"
     => [design] parameter: has an unknown key 'fiction'; did you mean 'friction'
+[design] ; probability = 0.1 ; parameter = "mass_ratio"
+    => [design] parameter: mass_ratio must be a lognormal factor, or have bounds above 0; give a
+    factor on the mass, building.2.floor.1.mass, instead
 [design] ; parameter = "friction" ; probability = 2
     => [design] probability = 2 must be between 1e-12 and 0.5
 # dt = 0.01 -> dt = 2.0 => [run] dt = 2
@@ -243,7 +251,7 @@ gap = 0.05 ; contact = {law = "newton", restitution = 0.65} & "link.2 ->
 "link.2 -> "building.*.storey.*.stifness" = {uniform = [1, 2]}
     => 'building.*.storey.*.stifness'; did you mean 'building.*.storey.*.stiffness'
 "link.2 -> "building.2.storey.*.tau_f" = {uniform = [1, 900]}
-    => [uncertain], in SI units: building.2.storey.1.tau_f ~ Uniform
+    => [uncertain] building.2.storey.1.tau_f ~ Uniform
 "link.2 -> "friction" = {uniform = [1, 2]} => has an unknown key 'friction'
 "link.2 -> "building.2.storey.*.stiffness" = {uniform = [1, 2]}
     => building.*.storey.*.stiffness and building.2.storey.*.stiffness must not stand for

@@ -110,21 +110,19 @@ FORMS = {
 def test_a_file_is_the_library_s_buildings_and_is_written_back(form):
     text, (buildings, links) = FORMS[form]
     layout = layout_of(text)
-    assert repr(layout.si.buildings) == repr(buildings)
-    assert repr(layout.si.links) == repr(links)
-    again = layout_of(as_toml(layout.si)).si
-    assert again.system().topology == layout.si.system().topology
-    parameters = Parameters(layout)
-    for si in (again, parameters.buildings(parameters.nominal)):
-        values = [[float(x) for x in jax.tree.leaves(each)] for each in (si, layout.si)]
-        np.testing.assert_allclose(*values, rtol=1e-12)
-        assert [link.side for link in si.links] == [link.side for link in links]
+    assert repr(layout.shear_buildings) == repr(buildings)
+    assert repr(layout.buildings.links) == repr(links)
+    again = layout_of(as_toml(layout.buildings)).buildings
+    assert again.system().topology == layout.buildings.system().topology
+    values = [[float(x) for x in jax.tree.leaves(each)] for each in (again, layout.buildings)]
+    np.testing.assert_allclose(*values, rtol=1e-12)
+    assert [link.side for link in again.links] == [link.side for link in links]
 
 
 def test_a_damper_to_the_ground_is_written_as_one_and_inertance_may_have_a_budget():
     ground = jp.FloorLink(0, 1, jp.GROUND, friction=2e4)
     written = as_toml(jp.Buildings((FRAME, FRAME), (ground,)))
-    assert layout_of(written).si.system().topology.links == ((1, jp.GROUND),)
+    assert layout_of(written).buildings.system().topology.links == ((1, jp.GROUND),)
     layout = layout_of(FORMS["inerter"][0])
     objective = priced("design.toml", ObjectiveTable(), {"total_inertance": 5e5}, {}, layout)
     assert objective.limits["total_inertance"].at_most == 5e5
@@ -136,7 +134,7 @@ def test_the_page_on_the_command_line_has_a_file_with_all_of_them():
     page = (Path(__file__).parents[2] / "docs" / "command_line.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"^```toml\n(\[\[.*?)^```", page, re.M | re.S)
     layout = layout_of(text)
-    assert [building.n_floors for building in layout.buildings] == [5, 5, 4]  # and a tuned mass
+    assert [x.n_floors for x in layout.shear_buildings] == [5, 5, 4]  # and a tuned mass
     assert layout.tables == (1, 2, 2, None, None, None)
     said = [key for bearing in layout.bearings if bearing for key in bearing.stated()]
     assert {*said} == {*type(layout.bearings[0]).__struct_fields__}
@@ -164,10 +162,9 @@ def test_a_key_stands_for_both_faces_and_a_damper_for_its_link():
         paths = path.split()
         assert [*by_path("", {key: 1}, parameters)] == paths
         for path_of_face, of_face in zip(paths, np.atleast_1d(value), strict=True):
-            in_si, _, of_si = parameters.in_si_units(path_of_face)
-            assert (in_si, of_si) == (pytest.approx(of_face), unit)
+            assert parameters.unit_of(path_of_face) == unit
             assert parameters.in_words(path_of_face).startswith(words)
-            assert float(get(parameters.si, path_of_face)) == of_face
+            assert float(get(parameters.buildings, path_of_face)) == of_face
     assert "building.1.storey.1.stiffness" in parameters.keys
     assert not {f"building.1.storey.1.{x}" for x in ("order", "tau_x")} & parameters.keys.keys()
 

@@ -10,6 +10,7 @@ import pytest
 import jaxpound as jp
 from jaxpound._tables import rounded
 from jaxpound.cli import files, montecarlo, reading
+from jaxpound.model.parameters import get
 from jaxpound.results.named import in_words
 from tests.cli.commands import changed, refusal, run, unrendered
 from tests.cli.written import is_figure, page_of, summary, tables
@@ -35,19 +36,49 @@ def test_the_example_is_the_pair_in_si_and_rods_need_no_quotation_marks(write):
     study, scenarios, grid = read(None)
     given = tomllib.loads(EXAMPLE)
     buildings = [jp.Building.from_period(**given[f"building_{i}"]) for i in (1, 2)]
-    structures, scales = jp.dimensionless(*buildings, 200e3, 0.1)
+    pair = jp.Buildings(tuple(buildings), (jp.FloorLink(0, 0, friction=200e3, gap=0.1),))
     median, ground = scenarios.realize(np.zeros(scenarios.dimension))
-    for ours, theirs in zip(jax.tree.leaves(median), jax.tree.leaves(structures), strict=True):
+    for ours, theirs in zip(jax.tree.leaves(median), jax.tree.leaves(pair), strict=True):
         assert float(ours) == pytest.approx(float(theirs))
-    np.testing.assert_allclose(np.abs(ground.amplitude) * scales.length, 0.025)
-    np.testing.assert_allclose(ground.periods * scales.time, 1.0)
-    np.testing.assert_allclose(ground.arrivals * scales.time, 3.5)
-    factor = scenarios.realize(np.eye(scenarios.dimension)[0])[0].friction / structures.friction
-    assert float(factor) == pytest.approx(np.exp(0.2))
-    assert grid.dt * float(scales.time) == pytest.approx(0.6 / 50, rel=0.01)
+    np.testing.assert_allclose(np.abs(ground.amplitude), 0.025)
+    np.testing.assert_allclose(ground.periods, 1.0)
+    np.testing.assert_allclose(ground.arrivals, 3.5)
+    drawn = scenarios.realize(np.eye(scenarios.dimension)[0])[0]
+    assert float(drawn.links[0].friction) == pytest.approx(200e3 * np.exp(0.2))
+    assert grid.dt == pytest.approx(0.6 / 50, rel=0.01)
     assert (study.study.samples, study.study.seed, study.study.sampling) == (10_000, 0, "plain")
     bare = write(text=EXAMPLE.replace('"rod_1.tau_x" =', "rod_1.tau_x ="))
-    assert [*read(bare)[1].structures.uncertain] == ["friction", "stiffness_ratio", "rod_1.tau_x"]
+    of_building = ["buildings.1.storeys.0.stiffness", "buildings.0.storeys.0.tau_x"]
+    assert [*read(bare)[1].structures.uncertain] == ["links.0.friction", *of_building]
+
+
+def test_keys_of_a_pair_stand_for_those_of_a_row(write):
+    keys = {
+        "friction": ("link.1.friction_force", "links.0.friction"),
+        "initial_gap": ("link.1.gap", "links.0.gap"),
+        "stiffness_ratio": ("building.2.storey.1.stiffness", "buildings.1.storeys.0.stiffness"),
+        "rod_*.tau_x": ("building.*.storey.1.tau_x", "buildings.0.storeys.0.tau_x"),
+        "contact.restitution": ("link.*.contact.restitution", "links.0.contact.restitution"),
+    }
+    contact = '[contact] ; law = "newton" ; restitution = 0.65'
+    for key, (of_row, path) in keys.items():
+        drawn = []
+        for stated in (key, of_row):
+            line = f'"{stated}" = {{lognormal = [0.98, 0.1]}}'
+            others = 'friction = { -> nothing & "rod_1.tau_x" -> nothing'
+            changes = f"{contact} & {others} & stiffness_ratio -> {line}"
+            drawn.append(read(write(changes))[1].structures)
+        first, second = ([*x.uncertain.items()] for x in drawn)
+        assert first == second
+        assert first[0][0] == path
+        assert first[0][1].median == pytest.approx(0.98 * float(get(drawn[0].nominal, path)))
+
+
+def test_a_factor_on_the_mass_ratio_is_the_inverse_of_one_on_the_second_mass(write):
+    changes = "stiffness_ratio -> mass_ratio = {lognormal = [1.25, 0.1]}"
+    structures = read(write(changes))[1].structures
+    mass = structures.uncertain["buildings.1.storeys.0.mass"]
+    assert (mass.median, mass.sigma) == (pytest.approx(400e3 / 1.25), 0.1)
 
 
 def shake(path, size, n):
@@ -60,7 +91,7 @@ def test_recorded_earthquakes_are_read_beside_the_file(write, tmp_path):
         shake(tmp_path / f"{i}.csv", 0.2, n)
     table = 'records = ["0.csv", "1.csv"]\nunits = "m/s2"\nfactor = {uniform = [1, 3]}\n'
     text = of_records(table).replace("duration = 12.0", "")
-    study, scenarios, grid = read(write(text=text))
+    _, scenarios, grid = read(write(text=text))
     records = scenarios.ground.records
     (tmp_path / "1.csv").write_text("t (s), a (m/s2)\n" + (tmp_path / "1.csv").read_text())
     text = text.replace('"0.csv", ', "").replace('units = "m/s2"\n', "")
@@ -69,8 +100,7 @@ def test_recorded_earthquakes_are_read_beside_the_file(write, tmp_path):
     assert [record.n_samples for record in records] == [80, 120]
     assert float(np.abs(records[1].samples).max()) == pytest.approx(0.2 / 9.80665, rel=1e-3)
     assert scenarios.ground.factor == jp.Uniform(1, 3)
-    duration = grid.dt * grid.n_steps * float(study.scales.time)
-    assert duration == pytest.approx(119 * 0.02, abs=0.02)
+    assert grid.dt * grid.n_steps == pytest.approx(119 * 0.02, abs=0.02)
 
 
 MODEL = """mass = 5.0 & period = 0.06 & friction_force = 0.5 & gap = 0.001 & duration = 0.5
@@ -128,9 +158,9 @@ def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_p
     run("montecarlo", path, "--store", store, "--shard", "2/2")
     screen = run("montecarlo", path, "--store", store)
     assert "Study of 40 scenarios, 0 failed (SI)" in screen
-    study, scenarios, grid = read(path)
+    _, scenarios, grid = read(path)
     how = {"chunk_size": 10, "keep_parameters": True, "progress": False}  # the command's program
-    found = jp.monte_carlo(scenarios, 40, grid, scales=study.scales, **how)
+    found = jp.monte_carlo(scenarios, 40, grid, **how)
     assert f"probability of pounding {found.pounding_probability()}" in screen
 
     printed = run("report", "--store", store, "--out", out).split()
@@ -170,7 +200,7 @@ def test_a_study_with_contact_and_its_report(write, tmp_path):
     store, out = tmp_path / "st", tmp_path / "out"
     run("montecarlo", path, "--store", store)
     study = jp.Study.open(store)
-    e = study.parameters()["contact.restitution"]
+    e = study.parameters()["links.0.contact.restitution"]
     assert 0.52 <= e.min() < e.max() <= 0.78
     run("report", "--store", store, "--out", out)
     answers = summary(out)

@@ -35,15 +35,14 @@ def done(tmp_path_factory):
 
 
 def test_the_probability_is_that_of_plain_runs_and_told_in_newtons(done):
-    """Of the same scenarios from the library, in units of the dimensionless system."""
+    """Of the same scenarios from the library."""
     screen, _, folder = done
     answers = summary(folder / "out")
-    pair, scales = example_pair(friction_force=200e3, gap=0.2)
-    second = float(scales.frequency)
-    soil, envelope = jp.KanaiTajimi(2 * np.pi / second, 0.6), jp.GammaEnvelope(3.0 * second, 2.0)
-    noise = jp.FilteredNoise(soil, 121, 0.05 * second, envelope=envelope, intensity=0.08)
-    scenarios, grid = jp.Scenarios(pair, noise), scales.grid(6.0, 0.03)
-    state = jp.LimitState(scenarios, grid, threshold=0.09 / float(scales.length))
+    pair = example_pair(friction_force=200e3, gap=0.2)
+    soil, how = jp.KanaiTajimi(2 * np.pi, 0.6), {"intensity": 0.08, "time_unit": "s"}
+    noise = jp.FilteredNoise(soil, 121, 0.05, envelope=jp.GammaEnvelope(3.0, 2.0), **how)
+    scenarios, grid = jp.Scenarios(pair, noise), jp.TimeGrid.until(6.0, 0.03)
+    state = jp.LimitState(scenarios, grid, threshold=0.09)
     plain = state.values(np.random.default_rng(0).normal(size=(4096, scenarios.dimension)))
     share = float((plain >= 0).mean())
     assert 5e-3 < share < 0.04
@@ -56,9 +55,8 @@ def test_the_probability_is_that_of_plain_runs_and_told_in_newtons(done):
     assert z[0]["reliability_index"] == min(x["reliability_index"] for x in z)
     record = jp.read_record(folder / "out" / "design_earthquake.csv", units="g")
     at = round(z[0]["time_s"] / 0.03)
-    ground = scales.to_dimensionless(record)
-    *_, closing = observed_at(POSITIONS, pair, ground, grid, jp.Scheme(), at)
-    assert float(closing * scales.length) == pytest.approx(0.09, rel=0.02)
+    *_, closing = observed_at(POSITIONS, pair, record, grid, jp.Scheme(), at)
+    assert float(closing) == pytest.approx(0.09, rel=0.02)
     out = folder / "out"
     figures = {"design_earthquake.png", "probability.png"}
     told = {"summary.json", "summary.md", "curve.csv", "design_earthquake.csv"}
@@ -74,7 +72,8 @@ def test_the_probability_is_that_of_plain_runs_and_told_in_newtons(done):
     assert len(of_design) == len(answers["design"]["steps"])
     design = answers["design"]
     first, last = design["steps"][0], design["steps"][-1]
-    assert (design["parameter"], design["unit"], design["before"]) == ("friction", "N", 200e3)
+    parameter = design["parameter"], design["unit"], design["before"]
+    assert parameter == ("link.1.friction_force", "N", 200e3)
     assert first["value"] == pytest.approx(200e3)
     assert last["value"] == design["value"]
     assert last["probability"] == pytest.approx(0.01, rel=0.3)
@@ -108,7 +107,7 @@ def test_other_earthquakes_and_uncertain_buildings():
     *_, state = posed(changed(EXAMPLE, f"{SHORT} & {plateau} & {random}") + uncertain)
     names = state.scenarios.parameters(jnp.zeros(state.dimension))
     assert state.dimension == 123  # 121 samples, their intensity, the friction
-    assert {"friction", "intensity", "noise_121"} <= {*names}
+    assert {"links.0.friction", "intensity", "noise_121"} <= {*names}
     head, tail = EXAMPLE.split("[earthquakes]", 1)
     wavelets = re.sub("(?m)^# ", "", re.search(r"(?s)# \[earthquakes\]\n(.*?)\n\n", tail)[1])
     run_of = tail[tail.index("# Uncertain") :].replace("# duration =", "duration =")
@@ -159,15 +158,15 @@ def test_pounding_is_the_closing_of_the_gap(changes, searches, monkeypatch):
 
 
 def test_a_row_and_another_demand():
-    _, given, state = posed(ROW)
-    assert state.threshold * float(given.scales.length) == pytest.approx(0.04)
+    *_, state = posed(ROW)
+    assert state.threshold == 0.04
     soil = jp.CloughPenzien(5 * np.pi, 0.6, high_pass=np.pi / 2)
     how = {"envelope": jp.PlateauEnvelope(rise=2.0, end=6.0, decay=0.8), "intensity": 0.1}
     noise = jp.FilteredNoise(soil, samples=501, dt=0.02, time_unit="s", **how)
     z = jnp.sin(jnp.arange(501.0))
     drawn = state.scenarios.realize(z)[1]
     assert drawn.samples == pytest.approx(noise.draw(z).samples)
-    assert float(drawn.dt * given.scales.time) == pytest.approx(0.02)
+    assert float(drawn.dt) == pytest.approx(0.02)
     assert len(state.series) == 10  # the drifts of five storeys, to both sides
 
 

@@ -49,8 +49,8 @@ STRONG = "ground: PGA of 100% of the 64 earthquakes looked at, up to"
     ("command", "changes", "says"),
     [
         ("simulate", "mass = 500", "the masses of floors, 500 to 4e+05 kg, should be within"),
-        ("simulate", "friction_force = 200", "friction_force = 200 N should be 0 or betw"),
-        ("simulate", "friction_force = 2e8", "friction_force = 2e+08 N should be 0 or be"),
+        ("simulate", "friction_force = 200", "slip force = 200 N should be 0 or betw"),
+        ("simulate", "friction_force = 2e8", "slip force = 2e+08 N should be 0 or be"),
         ("montecarlo", f"samples = 40 & {SOON}", UNRESOLVED.format(40)),
         ("design", f"earthquakes = 12 & {SOON}", UNRESOLVED.format(12)),
         ("rare", "acceleration = 8.0", STRONG),  # of m/s², say

@@ -32,14 +32,7 @@ def test_the_example_is_the_library_s_row():
         jp.FloorLink(1, 1, friction=60e3, gap=0.03, contact=law),
         jp.FloorLink(1, 0, friction=100e3, next_building=1),
     )
-    row, scales = jp.Buildings(buildings, links).dimensionless()
-    for ours, expected in (
-        (layout.si.buildings, buildings),
-        (layout.si.links, links),
-        ([layout.structures], [row]),
-        ([layout.scales], [scales]),
-    ):
-        assert [repr(x) for x in ours] == [repr(x) for x in expected]
+    assert repr(layout.buildings) == repr(jp.Buildings(buildings, links))
     assert layout.tables == (1, 1, 2, 3)
 
 
@@ -62,7 +55,7 @@ def test_a_warning_names_the_table_of_a_link_and_its_floors():
     ],
 )
 def test_where_links_are(keys, expected):
-    links = layout_of(f"{THREE}[[link]]\n{keys}\nfriction_force = 1e4").si.links
+    links = layout_of(f"{THREE}[[link]]\n{keys}\nfriction_force = 1e4").buildings.links
     assert ends(links) == expected
     assert all(float(one.friction) == 1e4 and np.isinf(one.gap) for one in links)
 
@@ -72,25 +65,26 @@ def test_a_lighter_roof_and_a_higher_first_storey_with_a_period():
     text = text.replace("mass = 2e5, period = 0.2", "mass = [2e5, 1.2e5], period = 0.2")
     frames = (3, 2e5, 0.3, 3.0), (3, 2e5, 0.4, (4.0, 3.2, 3.2)), (2, (2e5, 1.2e5), 0.2, 3.5)
     expected = [jp.ShearBuilding.from_period(*x, 0.05, height=height) for *x, height in frames]
-    assert [*map(repr, layout_of(text).si.buildings)] == [*map(repr, expected)]
+    assert [*map(repr, layout_of(text).shear_buildings)] == [*map(repr, expected)]
 
 
 def test_links_and_buildings_of_other_kinds():
-    (link,) = layout_of(f"{THREE}[[link]]\nbuilding = 2\nfloor = 1\nfriction_force = 0").si.links
+    text = f"{THREE}[[link]]\nbuilding = 2\nfloor = 1\nfriction_force = 0"
+    (link,) = layout_of(text).buildings.links
     assert float(link.friction) == 0
     level = THREE.replace("3.0", "3.5")
-    links = layout_of(f"{level}[[link]]\nfloors = 'common'\ngap = 0.05").si.links
+    links = layout_of(f"{level}[[link]]\nfloors = 'common'\ngap = 0.05").buildings.links
     assert ends(links) == [(0, i, 1, i) for i in range(3)] + [(1, i, 2, i) for i in range(2)]
     assert {float(one.gap) for one in links} == {0.05}
     text = "[[building]]\npublished = 'chopra-5'\n[[building]]\nmass = 4e5\nperiod = 0.3\n"
     text += "damping_ratio = 0.05\nheight = 3.6\n[[link]]\nfloors='common'\ngap=0"
     layout = layout_of(text)
-    chopra, block = layout.si.buildings
+    chopra, block = layout.shear_buildings
     assert repr(chopra) == repr(jp.ShearBuilding.published("chopra-5"))
     assert repr(block.storeys[0]) == repr(jp.Building.from_period(4e5, 0.3, 0.05))
     assert block.elevations.tolist() == [3.6]
-    assert ends(layout.si.links) == [(0, 0, 1, 0)]
-    assert layout_of("[[building]]\npublished = 'chopra-5'").si.links == ()
+    assert ends(layout.buildings.links) == [(0, 0, 1, 0)]
+    assert layout_of("[[building]]\npublished = 'chopra-5'").buildings.links == ()
 
 
 def ends(links):
@@ -228,4 +222,4 @@ def test_common_floors_without_a_partner_are_told_of_once():
     )
     with pytest.warns(jp.PlausibilityWarning, match=rule) as told:
         layout = layout_of("".join(tables) + "[[link]]\nfloors = 'common'\ngap = 0.1\n")
-    assert len(told) == len(layout.si.links) == 1
+    assert len(told) == len(layout.buildings.links) == 1

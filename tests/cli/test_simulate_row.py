@@ -37,7 +37,7 @@ def test_the_summary_has_the_api_s_numbers_and_impacts_by_link(of_example):
     assert told["min_gap_m"] == pytest.approx(float(demand.min_gap), rel=1e-12)
     by_links = sum(one["damper_energy_J"] for one in told["links"])
     assert told["damper_energy_J"] == pytest.approx(by_links, rel=1e-3)  # by two quadratures
-    for one, building in zip(told["buildings"], layout.si.buildings, strict=True):
+    for one, building in zip(told["buildings"], layout.shear_buildings, strict=True):
         modes = building.modes()
         assert [x["period_s"] for x in one["modes"]] == pytest.approx(modes.periods)
         assert [x["damping_ratio"] for x in one["modes"]] == pytest.approx(modes.damping_ratios)
@@ -45,7 +45,7 @@ def test_the_summary_has_the_api_s_numbers_and_impacts_by_link(of_example):
         assert one["peak_displacement_m"] == max(peaks)
         assert one["base_shear_N"] == float(demand.rods[one["series"][0] - 1].peak_force)
     assert [one["series"] for one in told["buildings"]] == [[1, 2], [3, 4], [5, 6]]
-    for one, link, scalars in zip(told["links"], layout.si.links, demand.links, strict=True):
+    for one, link, scalars in zip(told["links"], layout.buildings.links, demand.links, strict=True):
         assert one["floor"] == link.floor + 1
         assert one["slip_distance_m"] == (float(scalars.slip_distance) if link.friction else None)
         assert (one["contact"] is None) == (link.contact is None)
@@ -70,9 +70,9 @@ def test_series_have_all_floors_and_the_envelope_their_peaks(of_example):
     _, out, layout, response = of_example
     series = np.load(out / "series.npz")
     floors = csv_rows(out / "floors.csv")
-    places = [(b, i) for b, x in enumerate(layout.si.buildings) for i in range(x.n_floors)]
+    places = [(b, i) for b, x in enumerate(layout.shear_buildings) for i in range(x.n_floors)]
     assert [(int(x["building"]) - 1, int(x["floor"]) - 1) for x in floors] == places
-    demands = jp.floor_demands(layout.structures, response.demand, layout.si.buildings)
+    demands = jp.floor_demands(layout.buildings, response.demand)
     assert "drift ratio (%)" in str(demands[0])
     for b, table in enumerate(demands):
         table.to_csv(out / "table.csv")
@@ -80,7 +80,7 @@ def test_series_have_all_floors_and_the_envelope_their_peaks(of_example):
         for of_api, row in zip(csv_rows(out / "table.csv"), expected, strict=True):
             assert {x: float(y) for x, y in of_api.items()} == {x: float(y) for x, y in row.items()}
     for row, (b, i) in zip(floors, places, strict=True):
-        assert float(row["elevation_m"]) == layout.si.buildings[b].elevations[i]
+        assert float(row["elevation_m"]) == layout.shear_buildings[b].elevations[i]
         x = series[f"x{row['series']}_m"]
         assert 0 <= float(row["displacement_m"]) / np.abs(x).max() - 1 < 1e-2
         below = series[f"x{int(row['series']) - 1}_m"] if i else 0

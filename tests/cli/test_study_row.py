@@ -23,7 +23,8 @@ def test_the_example_s_random_storeys():
     given = file.read(montecarlo.StudyConfig)
     structures, layout = montecarlo.prepared(file, given)[0].structures, given.layout
     names = [*structures.uncertain]
-    stiffness = [f"buildings.{b}.rods.{i}.stiffness" for b, n in ((0, 2), (1, 3)) for i in range(n)]
+    storeys = [f"buildings.{b}.storeys.{i}" for b, n in ((0, 2), (1, 3)) for i in range(n)]
+    stiffness = [f"{storey}.stiffness" for storey in storeys]
     assert names[:5] == stiffness
     assert names[-1] == "links.2.friction"  # the third link is that of the second table
     alike = structures.correlations[0]
@@ -31,7 +32,7 @@ def test_the_example_s_random_storeys():
     drawn = structures.parameters(np.zeros(len(names)))
     for path in stiffness:
         b, i = (int(part) for part in re.findall(r"\d+", path))
-        stated = layout.structures.buildings[b].rods[i].stiffness
+        stated = layout.shear_buildings[b].storeys[i].stiffness
         assert float(drawn[path]) == pytest.approx(float(stated))
 
 
@@ -43,10 +44,10 @@ def test_what_a_range_cuts_off_is_said_by_the_key_of_the_file(tmp_path, capsys):
         montecarlo.prepared(file, file.read(montecarlo.StudyConfig))
     assert len(warned) == 3
     for i, warning in enumerate(warned, start=1):
-        says = rf"\[uncertain\], in SI units: building.2.storey.{i}.order ~ Uniform\(low=.*cut off"
+        says = rf"\[uncertain\] building.2.storey.{i}.order ~ Uniform\(low=.*cut off"
         assert re.search(says, str(warning.message))
     line = refusal(capsys, "montecarlo", path, "--store", tmp_path / "store", "--strict")
-    assert "row.toml: [uncertain], in SI units: building.2.storey.1.order ~" in line
+    assert "row.toml: [uncertain] building.2.storey.1.order ~" in line
 
 
 def test_a_study_of_a_row_and_its_report(tmp_path):
@@ -126,13 +127,13 @@ def test_dampers_of_a_row_share_a_budget(tmp_path):
     assert together["after"] == pytest.approx(sum(row["after"] for row in chosen))
     assert "forces of all dampers together" in screen
     layout = layout_of((out / "buildings.toml").read_text())
-    forces = [float(link.friction) for link in layout.si.links]
+    forces = [float(link.friction) for link in layout.buildings.links]
     assert all(force == 0 or force > 1e3 for force in forces)  # no rounding next to a bound
     assert forces == pytest.approx([row["after"] for row in chosen])
     stated = File("row.toml", path.read_text()).read(design.DesignConfig).layout
-    for building, original in zip(layout.si.buildings, stated.si.buildings, strict=True):
+    for building, original in zip(layout.shear_buildings, stated.shear_buildings, strict=True):
         assert building.modes().periods == pytest.approx(original.modes().periods)
         assert building.elevations.tolist() == original.elevations.tolist()
     page = (out / "summary.md").read_text()
-    assert "# Design of buildings in a row" in page
+    assert "# Design of buildings" in page
     assert "forces of all dampers together" in page

@@ -8,7 +8,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._fields import pytree_dataclass
-from jaxpound.cli import buildings, montecarlo, parameters, reading, yielding
+from jaxpound.cli import buildings, montecarlo, reading, yielding
 from jaxpound.model.parameters import get
 from tests.cli.commands import command_for, layout_of, run, simulated
 from tests.cli.written import csv_rows, summary
@@ -33,9 +33,9 @@ NOISE += "acceleration = 0.06\nduration = 2.0\ndt = 0.05\n[run]\ndt = 0.02\n"
 STRENGTH = '"building.1.storey.1.yield_displacement"'
 
 
-def close(ours, expected, rtol=1e-15):
+def close(ours, expected):
     assert jax.tree.structure(ours) == jax.tree.structure(expected)
-    np.testing.assert_allclose(jax.tree.leaves(ours), jax.tree.leaves(expected), rtol=rtol)
+    np.testing.assert_allclose(jax.tree.leaves(ours), jax.tree.leaves(expected), rtol=1e-15)
 
 
 LISTED = {"yield_force": [2e6, 1e6, 8e5], "hardening": [0.1, 0.05, 0.02]}
@@ -60,9 +60,8 @@ BUILDINGS = (
 def test_the_keys_are_the_library_s_and_are_written_back(numbers, more, building):
     keys = "".join(f"{key} = {value}\n" for key, value in numbers.items())
     layout = layout_of(STOREYS + keys + more)
-    assert repr(layout.buildings) == repr((building,))
-    close(layout_of(buildings.as_toml(layout.si)).si, layout.si)
-    close(parameters.Parameters(layout).buildings(layout.structures), layout.si, rtol=1e-12)
+    assert repr(layout.shear_buildings) == repr((building,))
+    close(layout_of(buildings.as_toml(layout.buildings)).buildings, layout.buildings)
 
 
 def test_a_pair_of_which_one_yields_is_a_row_whose_strengths_and_rods_may_be_random():
@@ -70,15 +69,15 @@ def test_a_pair_of_which_one_yields_is_a_row_whose_strengths_and_rods_may_be_ran
     left, right = (jp.Building.from_period(4e5, x, 0.05) for x in (0.6, 0.4))
     numbers = {"hardening": 0.05, "ultimate_displacement": 0.03}
     weak = jp.ShearBuilding((left,), 4.0).yielding(yield_drift=0.004, **numbers).with_p_delta()
-    assert repr(layout.buildings) == repr((weak, jp.ShearBuilding((right,))))
-    pair = jp.Buildings((weak.storeys[0], right), layout.si.links)
-    close(layout_of(buildings.as_toml(pair)).buildings[0].storeys, weak.storeys)
+    assert repr(layout.shear_buildings) == repr((weak, jp.ShearBuilding((right,))))
+    pair = jp.Buildings((weak.storeys[0], right), layout.buildings.links)
+    close(layout_of(buildings.as_toml(pair)).shear_buildings[0].storeys, weak.storeys)
     table = f'[uncertain]\n{STRENGTH} = {{lognormal = [1.2, 0.05]}}\n"building.*.storey.*.tau_x" = '
     file = reading.File("row.toml", f"{PAIR}{NOISE}{table}{{lognormal = [1.2, 0.01]}}")
     structures = montecarlo.prepared(file, file.read(montecarlo.StudyConfig))[0].structures
-    rods = [f"buildings.{b}.rods.0.material" for b in (0, 1)]
-    strength = f"{rods[0]}.hysteresis.yield_displacement"
-    assert {*structures.uncertain} == {strength, f"{rods[0]}.zener.tau_x", f"{rods[1]}.tau_x"}
+    storeys = [f"buildings.{b}.storeys.0" for b in (0, 1)]
+    strength = f"{storeys[0]}.hysteresis.yield_displacement"
+    assert {*structures.uncertain} == {strength, *(f"{storey}.tau_x" for storey in storeys)}
     for path, x in structures.parameters(np.zeros(3)).items():
         assert float(x) == pytest.approx(1.2 * float(get(structures.nominal, path)))
 
@@ -163,5 +162,5 @@ def test_a_design_may_choose_the_strength(tmp_path):
     variables = f"[variables]\n{STRENGTH} = {{low = 0.5, high = 2.0}}\n"
     out = folder_of_run(tmp_path, "design", f"{ALONE}{NOISE}{search}{goal}{variables}")
     assert summary(out)["answer"][0]["quantity"] == "building 1, storey 1, yield displacement"
-    designed = layout_of((out / "buildings.toml").read_text()).buildings[0].storeys[0]
+    designed = layout_of((out / "buildings.toml").read_text()).shear_buildings[0].storeys[0]
     assert float(designed.hysteresis.yield_displacement) == pytest.approx(0.024)  # its bound
