@@ -17,7 +17,6 @@ from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import SampleInterval, require_threshold
 from jaxpound.results.named import demand_in_words
 from jaxpound.simulation.time_steps import natural_periods, record_grid
-from jaxpound.units import SI_UNITS
 
 _Numbers = Annotated[list[float], says("a list of numbers", min_length=1)]
 _LEVELS = Range(1e-6, 100, "g", "twenty times the strongest PGA that was recorded")
@@ -132,7 +131,7 @@ def records(
     if (to := config.target) is None:
         return suite, None
     with named(f"{file.name}: [target]"):
-        periods = natural_periods(config.buildings, SI_UNITS)
+        periods = natural_periods(config.buildings)
         span: Any = _RANGES[to.code](*periods) if to.code else to.range
         target = jp.TargetSpectrum(to.periods, to.accelerations, to.damping)
         scaled = suite.scaled_to(
@@ -150,9 +149,9 @@ def analysed(
 ) -> jp.IncrementalDynamicAnalysis:
     """The analysis of the buildings under these records."""
     ladder, run, buildings = config.ida, config.run, config.buildings
-    options = SI_UNITS, run.scheme, [*suite], run.duration, run.dt
+    options = run.scheme, [*suite], run.duration, run.dt
     grid = record_grid(f"{file.name}: [run]", buildings, *options)
-    period = ladder.period or max(natural_periods(buildings, SI_UNITS))
+    period = ladder.period or max(natural_periods(buildings))
     with named(f"{file.name}: [ida]"):
         return jp.incremental_dynamic_analysis(
             buildings,

@@ -19,7 +19,6 @@ from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.run_input import as_run
 from jaxpound.quantities import SI
 from jaxpound.simulation.time_steps import natural_periods
-from jaxpound.units import SI_UNITS
 
 _Correlation = Annotated[float, between(-1, 1, "", "of the same parameter of storeys")]
 
@@ -54,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
         raise ValueError(f"argument --shard: {args.shard!r} {rule}")
     measures = {}
     if options.spectral_acceleration:  # at the natural periods
-        for i, period in enumerate(natural_periods(config.buildings, SI_UNITS), 1):
+        for i, period in enumerate(natural_periods(config.buildings), 1):
             name = str(Measure.spectral_acceleration(period, SI["time"], SI["acceleration"]))
             measures[f"spectral_acceleration_{i}"] = SpectralAcceleration(name, period, grid)
     study = jp.monte_carlo(

@@ -67,7 +67,7 @@ def _axis(study: jp.Study, name: str) -> dict[str, Any]:
     from jaxpound.plots.style import with_unit
 
     symbol = _SYMBOLS.get(name) or f"$S_a(T_{name.removeprefix(_SPECTRAL)})$"
-    return {"intensity": with_unit(symbol, kind_of(name), study.scales is not None)[1]}
+    return {"intensity": with_unit(symbol, kind_of(name), study.si)[1]}
 
 
 def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
@@ -136,7 +136,7 @@ def summary(
     study: jp.Study, curves: Mapping[str, jp.Fragility], by_link: Mapping[str, jp.Fragility]
 ) -> dict[str, Any]:
     """The study's statistics, with its ``fragilities`` and ``fragilities_of_links``, for JSON."""
-    identity, si = study.about["identity"], study.scales is not None
+    identity, si = study.about["identity"], study.si
     required_gap, demands, correlation = {}, {}, None
     for p in PROBABILITIES if "required_gap" in study.columns else ():
         required_gap[str(p)] = files.of_estimate(study.required_gap(p))

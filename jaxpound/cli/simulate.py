@@ -20,7 +20,6 @@ from jaxpound.ground.plausibility import OFFSET
 from jaxpound.ground.reader import require_possible
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY
 from jaxpound.simulation.time_steps import record_grid
-from jaxpound.units import SI_UNITS
 
 _Pga = Annotated[float, between(1e-6, MOST_PGA, "g", "several times the largest ever recorded")]
 
@@ -128,7 +127,7 @@ def respond(
 ) -> jp.Response:
     """The run in SI units, as the library makes it of these buildings."""
     run, buildings = configuration.run, configuration.buildings
-    options = SI_UNITS, run.scheme, [record], run.duration, run.dt, strict
+    options = run.scheme, [record], run.duration, run.dt, strict
     grid = record_grid(f"{file.name}: [run]", buildings, *options)
     with named(f"{file.name}:"):
         return jp.simulate(buildings, record, grid, run.scheme, strict=strict)

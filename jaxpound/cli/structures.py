@@ -16,7 +16,6 @@ from jaxpound.model.places import link_places
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.scheme import require_local_flow, require_stable
 from jaxpound.simulation.time_steps import chosen_step, time_grid
-from jaxpound.units import SI_UNITS
 
 _OF_PAIR = {
     "gap": "the key 'gap'",
@@ -100,9 +99,9 @@ class Shaken(Structured, kw_only=True):
             raise ValueError(f"{run} lacks the key 'duration'")
         shortest = min((float(record.dt) for record in shapes), default=float("inf"))
         scheme = self.run.scheme
-        dt = self.run.dt or chosen_step(self.buildings, SI_UNITS, scheme, duration, shortest)
+        dt = self.run.dt or chosen_step(self.buildings, scheme, duration, shortest)
         require_stable(self.buildings, scheme, dt, run)
-        grid = time_grid(run, SI_UNITS, duration, dt)
+        grid = time_grid(run, duration, dt)
         if table.arrivals:
             within = Range(0.0, duration, "s", "the run, so that every wavelet shakes")
             table.arrivals.require(f"{place} arrivals", within)
