@@ -243,7 +243,7 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     assert "gap" not in shown
     assert plots.convergence(found).get_ylabel() == "objective (m/s²)"
     assert plots.before_and_after(compared).get_xlabel() == "peak $|a_1|$ (m/s²)"
-    layout = BuildingsLayout.of(jp.Buildings(buildings, links), (1,))
+    layout = BuildingsLayout.of(row, (1,))
     others = {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}
     answers = design_report.summary(found, others, parameters.Parameters(layout))
     read = json.loads(json.dumps(answers, allow_nan=False))
