@@ -103,7 +103,13 @@ def test_restitution_matters_to_the_energy_lost_and_times_of_impacts_have_no_var
 RECORD = jp.Record(0.1 * np.sin(np.arange(80)), 0.1, time_unit="1/ω1")
 DISPLACEMENT = {"demand": "peak_x1", "threshold": 0.1}
 AT_GRID = DISPLACEMENT | {"grid": GRID}
-AT_0_1_G = {"records": [RECORD], "intensities": [0.1], "measure": "pga", **AT_GRID}
+IN_SECONDS = [jp.Record(RECORD.samples, 0.1)]
+AT_0_1_G = {"records": IN_SECONDS, "intensities": [0.1], "measure": "pga", **AT_GRID}
+BLOCKS = [jp.Building.from_period(*x, 0.05) for x in ((500e3, 0.9), (400e3, 0.6))]
+
+
+def beside(gap, contact):
+    return jp.Buildings(BLOCKS, (jp.FloorLink(0, 0, gap=gap, contact=contact),))
 
 
 def designed(structures):
@@ -122,28 +128,47 @@ STUDIES = {
     "rare_event": lambda s: jp.rare_event(drawn(s), GRID, **DISPLACEMENT),
     "subset_simulation": lambda s: jp.subset_simulation(drawn(s), GRID, **DISPLACEMENT),
     "reach_probability": lambda s: jp.reach_probability("friction", 1e-3, drawn(s), **AT_GRID),
-    "incremental_dynamic_analysis": lambda s: jp.incremental_dynamic_analysis(s, **AT_0_1_G),
-    "multiple_stripes": lambda s: jp.multiple_stripes(s, **AT_0_1_G),
-    "cloud_analysis": lambda s: jp.cloud_analysis(s, [RECORD], measure="pga", **AT_GRID),
     "design_damper": designed,
     "elasticities": lambda s: jp.elasticities(s, RECORD, GRID),
     "growth": lambda s: jp.growth(s, RECORD, GRID),
     "simulate": lambda s: jp.simulate(s, RECORD, GRID),
 }
+ANALYSES = {
+    "incremental_dynamic_analysis": lambda s: jp.incremental_dynamic_analysis(s, **AT_0_1_G),
+    "multiple_stripes": lambda s: jp.multiple_stripes(s, **AT_0_1_G),
+    "cloud_analysis": lambda s: jp.cloud_analysis(s, IN_SECONDS, measure="pga", **AT_GRID),
+}
 
 
-@pytest.mark.parametrize("function", STUDIES)
-def test_single_precision_and_batches_are_told_by_the_function_that_was_called(function):
-    says = rf'^{function}: contact is run in float32.*jax\.config\.update\("jax_enable_x64", True\)'
+def assert_judged(name, function, single, batches):
+    """Single precision, and batches by the path of their numbers."""
+    says = rf'^{name}: contact is run in float32.*jax\.config\.update\("jax_enable_x64", True\)'
     with jax.enable_x64(False), pytest.raises(jp.PlausibilityWarning, match=says):
-        STUDIES[function](TOUCHING)
-    soft = jp.KelvinVoigt(np.array([50.0, 60.0]), 0.65)
-    for name, change in (
-        ("initial_gap", {"initial_gap": jnp.array([0.1, 0.2])}),
-        (r"contact\.stiffness", {"contact": soft}),
-    ):
-        says = rf"^{function}: structures: {name} of shape \(2,\) must be one number; .* jax\.vmap"
-        refused(says, STUDIES[function], dataclasses.replace(TOUCHING, **change))
+        function(single)
+    for path, batch in batches.items():
+        says = rf"^{name}: structures: {path} of shape \(2,\) must be one number; .* jax\.vmap"
+        refused(says, function, batch)
+
+
+SOFT, GAPS = jp.KelvinVoigt(np.array([50.0, 60.0]), 0.65), jnp.array([0.1, 0.2])
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_single_precision_and_batches_are_told_by_the_function_that_was_called(name):
+    batches = {
+        "initial_gap": dataclasses.replace(TOUCHING, initial_gap=GAPS),
+        r"contact\.stiffness": dataclasses.replace(TOUCHING, contact=SOFT),
+    }
+    assert_judged(name, STUDIES[name], TOUCHING, batches)
+
+
+@pytest.mark.parametrize("name", ANALYSES)
+def test_analyses_of_buildings_tell_of_single_precision_and_batches_too(name):
+    law = jp.KelvinVoigt(2e9, 0.65)
+    many = dataclasses.replace(law, stiffness=np.array([2e9, 3e9]))
+    batches = {r"links\.0\.gap": beside(GAPS, law)}
+    batches[r"links\.0\.contact\.stiffness"] = beside(0.1, many)
+    assert_judged(name, ANALYSES[name], beside(0.1, law), batches)
 
 
 def test_it_is_told_once(monkeypatch):
