@@ -15,18 +15,7 @@ import jax.numpy as jnp
 from jax.tree_util import GetAttrKey, register_pytree_with_keys, tree_structure
 
 from jaxpound import _checks
-from jaxpound._checks import (
-    Range,
-    Rule,
-    as_tuple,
-    enforce,
-    finite,
-    instance,
-    is_traced,
-    number,
-    pytree,
-    real,
-)
+from jaxpound._checks import Range, Rule, enforce, finite, instance, is_traced, number, pytree, real
 from jaxpound._tables import dataclass_repr
 
 T = TypeVar("T")
@@ -261,7 +250,7 @@ def check(obj: Any) -> None:
     for field in dataclasses.fields(obj):
         spec, value = field.metadata.get(_SPEC), getattr(obj, field.name)
         if each := field.metadata.get("each"):
-            value = as_tuple(owner, field.name, value)
+            value = _checks.as_tuple(owner, field.name, value)
             object.__setattr__(obj, field.name, value)
         if isinstance(spec, Parameter):
             as_number = number if spec.single else real

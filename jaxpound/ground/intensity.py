@@ -12,7 +12,7 @@ import numpy as np
 from jax.scipy.integrate import trapezoid
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxpound._checks import Rule, all_hold, enforce, finite, is_traced, number, positive
+from jaxpound._checks import Rule, all_hold, array, enforce, finite, is_traced, number, positive
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, peak
 from jaxpound.grid import TimeGrid
@@ -95,13 +95,11 @@ def spectra(
     owner: str, records: Sequence[Record], periods: ArrayLike, damping: Any
 ) -> Float[np.ndarray, "n m"]:
     """``RecordSuite.spectra``, by one program for records of all lengths and intervals."""
-    (at,), zeta = positive(owner, periods=periods), number(owner, "damping", damping)
-    if np.ndim(at) != 1 or not np.size(at):
-        raise InvalidInput(owner, f"periods of shape {np.shape(at)}", "", "must be (m,) with m ≥ 1")
+    at, zeta = array(owner, "periods", periods, (-1,)), number(owner, "damping", damping)
+    positive(owner, periods=at)
     enforce(owner, [damping_rule(zeta)])
     sizes = np.array([record.n_samples for record in records])
     samples, intervals = stacked(records)
-    at = np.asarray(at, float)
     parts = _SHORT_PARTS if at.min() < _SHORT * intervals.max() else 1
     return np.asarray(_spectra(samples, intervals, sizes, at, float(zeta), parts))
 

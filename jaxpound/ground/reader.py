@@ -12,7 +12,6 @@ from pathlib import Path
 from textwrap import shorten
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jaxpound._checks import positive_number
 from jaxpound._errors import InvalidInput, warn
@@ -208,7 +207,10 @@ class _Source:
         channel, notes = _within_count(channel), [*self.notes]
         rows, stated, samples = channel.rows, channel.stated, channel.samples
         printed.require_count(stated, len(samples))
-        _note_damage(rows, samples, self.text.ended, notes)
+        _check_digits(rows, self.text.ended, notes)
+        peak = np.abs(samples)
+        if len(peak) >= MANY and not self.text.ended and peak[-1] > peak[:-1].max():
+            notes.append("the last line has no end and its value is the largest: is the file cut?")
         step = _interval(channel, self.dt, notes)
         unit = stated_among(stated.units, UNITS)
         if unit and self.units and UNITS[unit] != UNITS[self.units]:
@@ -286,16 +288,6 @@ def _interval(channel: Channel, dt: float | None, notes: list[str]) -> float:
         notes.append(f"dt = {dt:g} s is taken for {finest.text!r}, {step:g} s")
         return float(dt)
     return step
-
-
-def _note_damage(
-    rows: list[printed.ValueRow], samples: NDArray[np.float64], ended: bool, notes: list[str]
-) -> None:
-    """Refuse or note signs of damage: digits of printed values, a last line without a line end."""
-    _check_digits(rows, ended, notes)
-    peak = np.abs(samples)
-    if len(peak) >= MANY and not ended and peak[-1] > peak[:-1].max():
-        notes.append("the last line has no end and its value is the largest: is the file cut?")
 
 
 def _check_digits(rows: list[printed.ValueRow], ended: bool, notes: list[str]) -> None:

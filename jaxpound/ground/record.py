@@ -13,17 +13,8 @@ import numpy as np
 from jax.scipy.signal import detrend
 from jaxtyping import ArrayLike, Float
 
-from jaxpound._checks import (
-    Rule,
-    count,
-    enforce,
-    finite,
-    instance,
-    is_traced,
-    number,
-    positive_number,
-    real,
-)
+from jaxpound import _checks
+from jaxpound._checks import Rule, count, enforce, finite, is_traced, number, positive_number, real
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import check, label, parameter, pytree_dataclass, static, unchecked
@@ -299,13 +290,13 @@ def derived(
 
 def require_records(owner: str, records: Any, kind: type) -> None:
     """An ``InvalidInput`` unless there are records, in a list or by name, in one unit of time."""
-    instance(owner, "records", records, kind)
+    _checks.instance(owner, "records", records, kind)
     if not len(records):
         raise InvalidInput(owner, "records", repr(records), "must hold at least one record")
     entries = records.items() if isinstance(records, Mapping) else enumerate(records)
     named = {f"records[{name!r}]": record for name, record in entries}
     for name, record in named.items():
-        instance(owner, name, record, Record)
+        _checks.instance(owner, name, record, Record)
     motion.require_one_time_unit(owner, named)
 
 

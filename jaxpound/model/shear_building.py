@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +16,7 @@ from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.hysteresis import Bilinear
 from jaxpound.model.strength import storey_shears, with_weight
-from jaxpound.model.structures import Storeys, require_tuned
+from jaxpound.model.structures import Storeys, require_storeys
 from jaxpound.model.system import Rod, as_tuple
 from jaxpound.model.vibration import Modes, first_frequency, modes
 from jaxpound.quantities import STANDARD_GRAVITY
@@ -68,15 +68,10 @@ class ShearBuilding:
     n_tuned: int = static(default=0, listed=bool)
 
     def __post_init__(self) -> None:
-        owner, heights = "ShearBuilding", cast("Any", self.heights)
+        owner = "ShearBuilding"
         check(self)
-        if not (n := len(self.storeys)):
-            raise InvalidInput(owner, "storeys", "()", "must hold at least one storey")
-        require_tuned(owner, self.n_tuned, n)
-        heights = (heights,) * n if np.ndim(heights) == 0 else as_tuple(owner, "heights", heights)
-        if len(heights) != n:
-            name = f"heights, {len(heights)} of them,"
-            raise InvalidInput(owner, name, "", f"must be {n}, as storeys")
+        require_storeys(owner, "storeys", self.storeys, self.n_tuned)
+        heights = _each(owner, "heights", self.heights, len(self.storeys))
         for i, height in enumerate(heights):
             name = f"heights.{i}"
             if is_traced(positive_number(owner, **{name: height})):

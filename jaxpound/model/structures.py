@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -118,11 +119,8 @@ class Storeys:
             raise InvalidInput("Storeys", name, "", "must be a Rod, or a tuple of them")
         object.__setattr__(self, "rods", tuple(rods))
         check(self)
-        if not self.masses:
-            raise InvalidInput("Storeys", "masses", "()", "must hold at least one floor")
-        n = len(self.masses)
-        require_tuned("Storeys", self.n_tuned, n)
-        if len(rods) != n:
+        require_storeys("Storeys", "masses", self.masses, self.n_tuned)
+        if len(rods) != (n := len(self.masses)):
             rule = f"must be one for each of the {n} masses: storey i carries floor i"
             raise InvalidInput("Storeys", f"rods, {len(rods)} of them,", "", rule)
         for i, rod in enumerate(rods):
@@ -146,8 +144,10 @@ class Storeys:
         return tuple(unchecked(Rod, **x, ends=storey_ends(i, first)) for i, x in enumerate(fields))
 
 
-def require_tuned(owner: str, n_tuned: Any, n: int) -> None:
-    """An ``InvalidInput`` unless a floor is left below the tuned masses."""
+def require_storeys(owner: str, name: str, storeys: Sequence[Any], n_tuned: Any) -> None:
+    """An ``InvalidInput`` without storeys, by name, or without a floor below the tuned masses."""
+    if not (n := len(storeys)):
+        raise InvalidInput(owner, name, "()", "must hold at least one storey")
     if not (is_whole(n_tuned) and 0 <= n_tuned < n):
         rule = f"must be a whole number from 0 to {n - 1}: the last of {n} masses are tuned masses"
         raise InvalidInput(owner, "n_tuned", repr(n_tuned), rule)

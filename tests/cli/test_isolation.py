@@ -216,7 +216,7 @@ test_bearings = refusals(
     (f"{PENDULUMS.replace('base_mass = 3.5e5, ', '')}}}", "lacks the key 'base_mass'"),
     (f"{PENDULUMS}}}", "lacks the key 'friction', which type = \"friction pendulum\" needs"),
     (f"{PENDULUMS}, friction = 0.1, period = 2}}", "period must not be given with type = "),
-    (f"{PENDULUMS}, friction = 0.1, fast_friction = 0.05}}", "fast_friction = 0.05 must be at l"),
+    (f"{PENDULUMS}, friction = 0.1, fast_friction = 0.05}}", "fast_friction = 0.05 must be fini"),
     (f"{LEAD}, wall = {{{CONTACT}}}}}", "wall lacks the key 'gap'"),
     (f"{LEAD}, wall = {{gap = [inf, inf]}}}}", "wall gap: left = inf m must be between 0 a"),
     (f"{LEAD}, height = 0}}", "height = 0 m must be between 0.01 and 100 m"),

@@ -108,7 +108,7 @@ test_bad_input = refusals(
     (lambda: jp.floor_links((HIGH, jp.Building(1.0, 1.0, 1.0, 1.0, 1.0))), r"buildings.1"),
     (lambda: FloorLink(0, 0, friction=-1.0), "friction = -1 must be finite and not"),
     (lambda: FloorLink(0, 0, contact=jp.Newton(0.5)), "gap = inf must be finite"),
-    (lambda: Storeys((), ()), r"masses = \(\) must hold at least one floor"),
+    (lambda: Storeys((), ()), r"masses = \(\) must hold at least one storey"),
     (lambda: Storeys((1.0, 1.0), (ROD,)), "rods, 1 of them, must be one for each of the 2"),
     (lambda: Storeys((1.0, -1.0), ROD), "Storeys: masses.1 = -1 must be positive"),
     (Storeys, (1.0,), (TIE,), r"rods.0.ends = \(0, 1\) must be left out, or those of its storey"),

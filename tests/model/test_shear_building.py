@@ -209,7 +209,7 @@ BY_PERIOD, OF_STOREYS = ShearBuilding.from_period, ShearBuilding.of_storeys
 ROW, ROD, HIGH, OWNER = jp.Buildings, (0.5, 0.1, 0.2), (FloorLink(0, 2),), "ShearBuilding."
 test_bad_input = refusals(
     (lambda: ShearBuilding(()), r"storeys = \(\) must hold at least one storey"),
-    (lambda: ShearBuilding(LOW.storeys, (3.0,)), "heights, 1 of them, must be 2, as storeys"),
+    (lambda: ShearBuilding(LOW.storeys, (3.0,)), "heights, 1 of them, must be 2, a number for"),
     (lambda: ShearBuilding(LOW.storeys, -3.0), "heights.0 = -3 must be positive"),
     (OF_STOREYS, [1, 2], [1] * 3, *ROD, "stiffnesses, 3 of them, must be 2, a number for each"),
     (OF_STOREYS, [1.0, -2.0], 1.0, *ROD, "of_storeys: storeys.1: mass = -2 must be positive"),

@@ -104,31 +104,27 @@ def parse_rows(lines: Sequence[TextLine], notes: list[str]) -> list[ValueRow]:
     comment_line, noted = None, False  # the line of a comment behind some row
     for index, (number, raw) in enumerate(lines):
         text = trimmed(raw)
-        row = _plain_row(number, text)
-        if row is None and _END_MARK.match(text):
+        if _END_MARK.match(text):
             if (after := _first_row(lines, index + 1)) < len(lines):
                 unread = f"data of line {lines[after].number} are not read"
                 notes.append(f"behind the end mark of line {number} the {unread}")
             break
-        if row is None and is_comment(text):
+        if is_comment(text):
             comment_line = number if rows and comment_line is None else comment_line
             continue
         if comment_line is not None and not noted:
             noted, place = True, f"the comment of line {comment_line}"
             notes.append(f"data follow {place}: is that one a value, too?")
-        rows.append(row or _parse_row(number, text))
+        rows.append(_row(number, text))
     return rows
 
 
-def _plain_row(line: int, text: str) -> ValueRow | None:
-    """The row of a line that is only finite numbers with separators; None for other lines."""
-    if len(text) > _LONGEST_NUMBER or not _PLAIN_ROW.fullmatch(text):
-        return None
-    numbers = with_e(text).replace(",", " ").split()
-    return None if any(map(math.isinf, map(float, numbers))) else ValueRow(line, numbers)
-
-
-def _parse_row(line: int, text: str) -> ValueRow:
+def _row(line: int, text: str) -> ValueRow:
+    """The row of a trimmed line of finite numbers between separators of one kind."""
+    if len(text) <= _LONGEST_NUMBER and _PLAIN_ROW.fullmatch(text):
+        numbers = with_e(text).replace(",", " ").split()
+        if not any(map(math.isinf, map(float, numbers))):
+            return ValueRow(line, numbers)
     row = ValueRow(line, [])
     for token in _tokens_of(text):
         numbers = _numbers(token)
@@ -167,7 +163,7 @@ def row_of(line: TextLine, form: tuple[int, int] | None, n: int | None) -> Value
     """The row of a line of ``n`` values or more; ``form``: most, characters of each (0: any)."""
     number, text = line.number, line.text.rstrip()
     if form is None or not form[1]:
-        return _plain_row(number, trimmed(text)) or _parse_row(number, trimmed(text))
+        return _row(number, trimmed(text))
     per_row, width = form
     text = text[1:] if len(text) % width == 1 and text[0] == " " else text
     cells = [text[at : at + width] for at in range(0, len(text), width)]
