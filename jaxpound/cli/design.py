@@ -128,7 +128,7 @@ def run(args: argparse.Namespace) -> None:
             **config.search.options(),
         )
         recorded = {name: design.compare(single) for name, single in task.recorded.items()}
-        answer = answer_of(design, task.parameters)
+        answer = answer_of(design, Parameters(config.layout))
         answers, tables = summary(design, answer, recorded), tables_of(design, answer, recorded)
         print("\n".join(table.text() for table in tables))
         buildings = as_toml(design.structures)
@@ -154,7 +154,6 @@ def run(args: argparse.Namespace) -> None:
 class DesignTask(NamedTuple):
     """The design problem."""
 
-    parameters: Parameters
     space: jp.DesignSpace
     ensemble: jp.Ensemble
     recorded: dict[str, jp.Ensemble]  # each of the recorded earthquakes alone, by name
@@ -184,11 +183,10 @@ def prepared(file: File, config: DesignConfig, paths: Sequence[Path] = ()) -> De
     if recorded:
         with named(f"{file.name}:"):
             ensemble = ensemble.including([*recorded.values()], grid)
-    parameters = Parameters(config.layout)
-    space = design_space(place, config.variables, parameters)
+    space = design_space(place, config.variables, Parameters(config.layout))
     alone = {name: jp.Ensemble.of([record], grid) for name, record in recorded.items()}
     objective = priced(file.name, config.objective, config.limits, config.penalties, config.layout)
-    return DesignTask(parameters, space, ensemble, alone, objective, grid)
+    return DesignTask(space, ensemble, alone, objective, grid)
 
 
 def _recorded(

@@ -20,13 +20,13 @@ def answer_of(design: jp.Design, parameters: Parameters) -> list[dict[str, Any]]
     """The design in words: what was chosen, and what follows for dampers and buildings."""
     ends: list[Any] = [put(design.space.nominal, design.start), design.structures]
     rows = []
-    for path, after in design.values.items():
+    for path, both in _variables(design).items():
         words, symbol = parameters.in_words(path), parameters.unit_of(path)
-        row = _change(words, symbol, design.start[path], after)
-        rows.append(row | {"at_bound": design.active_bounds.get(path)})
+        rows.append(_change(words, symbol, **both))
     systems = [buildings.system() for buildings in ends]
     forces = [[*(link.friction for link in x.links), *viscous_forces(x)] for x in systems]
-    rows.append(_change("forces of all dampers together", "N", *map(sum, forces)))
+    before, after = map(sum, forces)
+    rows.append(_change("forces of all dampers together", "N", before, after))
     names = [path.split(".") for path in design.space.names]
     for b in sorted({int(number) for kind, number, *_ in names if kind == "buildings"}):
         of_both = [x.buildings[b] for x in ends]
@@ -37,7 +37,17 @@ def answer_of(design: jp.Design, parameters: Parameters) -> list[dict[str, Any]]
     return rows
 
 
-def _change(words: str, symbol: str, before: Any, after: Any) -> dict[str, Any]:
+def _variables(design: jp.Design) -> dict[str, dict[str, Any]]:
+    before, bounds = design.start, design.active_bounds
+    return {
+        path: {"before": before[path], "after": after, "at_bound": bounds.get(path)}
+        for path, after in design.values.items()
+    }
+
+
+def _change(
+    words: str, symbol: str, before: Any, after: Any, at_bound: str | None = None
+) -> dict[str, Any]:
     before, after = float(before), float(after)
     return {
         "quantity": words,
@@ -46,7 +56,7 @@ def _change(words: str, symbol: str, before: Any, after: Any) -> dict[str, Any]:
         "after": after,
         "change": after - before,
         "relative_change": after / before - 1 if before else None,
-        "at_bound": None,
+        "at_bound": at_bound,
     }
 
 
@@ -63,14 +73,7 @@ def summary(
             "objective": design.objective,
             "objective_unit": unit(design.objective_function.quantity, si),
             "answer": [*answer],
-            "variables": {
-                path: {
-                    "before": design.start[path],
-                    "after": value,
-                    "at_bound": design.active_bounds.get(path),
-                }
-                for path, value in design.values.items()
-            },
+            "variables": _variables(design),
             "limits": {
                 price: {
                     "unit": unit_of(price, si),
@@ -92,8 +95,8 @@ def summary(
             "trained": _compared(design.trained),
             "fresh": None if design.fresh is None else _compared(design.fresh),
             "recorded": {
-                name: {f"{demand}_{when}": x for when, x in zip(_WHEN, both, strict=True)}
-                for name, both in _in_recorded(demand, recorded).items()
+                name: {f"{demand}_{x}": float(getattr(shaken, x)[demand][0]) for x in _WHEN}
+                for name, shaken in recorded.items()
             },
             "demand": demand,
         }
@@ -114,14 +117,6 @@ def _compared(comparison: jp.Comparison) -> dict[str, Any]:
     }
 
 
-def _in_recorded(
-    demand: str, recorded: Mapping[str, jp.Comparison]
-) -> dict[str, tuple[float, float]]:
-    """A demand before and after in each recorded earthquake."""
-    both = {name: (x.before[demand], x.after[demand]) for name, x in recorded.items()}
-    return {name: (float(before[0]), float(after[0])) for name, (before, after) in both.items()}
-
-
 def tables_of(
     design: jp.Design,
     answer: Sequence[Mapping[str, Any]],
@@ -138,6 +133,9 @@ def tables_of(
     demand, of_design = design.objective_function.demand, design.trained
     ends = [f"{in_words(demand, of_design.topology)} {when}" for when in _WHEN]
     symbol = unit_of(demand, of_design.si)
-    rows = [(name, symbol, *both) for name, both in _in_recorded(demand, recorded).items()]
+    rows: list[Any] = [
+        (name, symbol, *(float(getattr(x, when)[demand][0]) for when in _WHEN))
+        for name, x in recorded.items()
+    ]
     shaken = [TextTable.of(("recorded earthquake", "unit", *ends), rows)] if rows else []
     return [changes, *design._tables(), *shaken]

@@ -145,11 +145,12 @@ def page(title: str, parts: Iterable[str | TextTable], figures: Iterable[str]) -
     return "\n\n".join(paragraphs) + "\n"
 
 
-def table_of(columns: Mapping[str, Sequence[Any]]) -> TextTable:
-    """A table from its columns, by their names."""
+def table_of(rows: Sequence[Mapping[str, Any]]) -> TextTable:
+    """A table of rows, by the names of columns; one without a value in any row is left out."""
     from jaxpound._tables import TextTable  # NumPy, which the help does not need
 
-    return TextTable.of([*columns], [*zip(*columns.values(), strict=True)])
+    columns = [name for name in rows[0] if any(row[name] is not None for row in rows)]
+    return TextTable.of(columns, [[row[name] for name in columns] for row in rows])
 
 
 def sentence(note: str) -> str:

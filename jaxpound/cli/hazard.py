@@ -285,12 +285,7 @@ def tables(risk: LifetimeRisk) -> list[TextTable]:
     curve, years = risk.fragility, risk.results.years
     parts = risk.rate._tables(years)
     if curve is not None:
-        numbers = []
-        for name in ("median", "dispersion"):
-            value, error = getattr(curve, name), getattr(curve, f"{name}_error")
-            with_error = f"{value:.4g} ± {error:.2g}" if np.isfinite(error) else f"{value:.4g}"
-            numbers.append((name, with_error))
-        parts.append(TextTable(f"Fragility by {risk.hazard.measure}", (), numbers))
+        parts += curve._tables()
     if risk.gaps:
         rows = [(f"{100 * p:g} %", str(gap)) for p, gap in risk.gaps.items()]
         columns = (f"closes within {years:g} years with probability", "required gap (m)")

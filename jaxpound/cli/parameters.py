@@ -8,7 +8,6 @@ the file.
 
 from __future__ import annotations
 
-import dataclasses
 import re
 import warnings
 from collections.abc import Mapping, Sequence
@@ -225,22 +224,19 @@ def uncertain_structures(
     multiples, keys = _multiples(place, stated, parameters), _keys_of(stated, parameters)
     with named(place, UNITS, keys), warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always", jp.PlausibilityWarning)
-        uncertain = jp.UncertainStructures(parameters.buildings, multiples)
+        uncertain = jp.UncertainStructures(parameters.buildings, multiples, correlation)
     said = [by_key(str(x.message), keys).partition(": ")[2] for x in doubts]
     warn("configuration", [f"{place} {x}" for x in said], strict=False)
     # Each parameter at both ends of its range, the others at their medians.
-    z = NormalDist().inv_cdf(RARE)
-    ends = np.array([z, -z])[:, None, None] * np.eye(len(stated))
-    rows = jax.jit(jax.vmap(jax.vmap(uncertain.parameters)))(ends)
+    z = NormalDist().inv_cdf(RARE) * np.linalg.inv(np.linalg.cholesky(uncertain.correlations)).T
+    rows = jax.jit(jax.vmap(jax.vmap(uncertain.parameters)))(np.array([z, -z]))
     extremes = []
     for i, (path, (key, _)) in enumerate(stated.items()):
         rare = f"{place} {key} = {table[key]}, once in {1 / RARE:,.0f} draws:"
         for end in (0, 1):
             extremes.append((rare, path, {x: float(rows[x][end, i]) for x in stated}))
     parameters.require_possible(extremes)
-    unwarned = warnings.catch_warnings(action="ignore", category=jp.PlausibilityWarning)
-    with named(f"{place}:", keys=keys), unwarned:
-        return dataclasses.replace(uncertain, correlation=correlation)
+    return uncertain
 
 
 class Uncertain(Shaken, kw_only=True):

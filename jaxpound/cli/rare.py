@@ -28,6 +28,7 @@ from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, unit
 from jaxpound.scenarios.scenarios import grounds_at
 
 _CHECKED = 64  # random earthquakes that must be plausible
+_OF_STEP = ("value", "probability", "cov", "slope_of_ln_probability", "slope_error")
 
 
 class LimitTable(Section):
@@ -214,13 +215,7 @@ def reached(
         "gradients": reach.gradients,
         "warnings": list(reach.event.warnings),
         "steps": [
-            {
-                "value": step.value,
-                "probability": step.probability,
-                "cov": step.cov,
-                "slope_of_ln_probability": step.slope.value,
-                "slope_error": step.slope.error,
-            }
+            dict(zip(_OF_STEP, (*step[:3], step.slope.value, step.slope.error), strict=True))
             for step in reach.steps
         ],
     }

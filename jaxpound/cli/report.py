@@ -14,14 +14,13 @@ from jaxpound._tables import TextTable, rounded
 from jaxpound.cli import files
 from jaxpound.model.parameters import in_words as in_words_of
 from jaxpound.model.places import link_places
-from jaxpound.results.named import in_words, kind_of, quantity_named, unit_of
+from jaxpound.results.named import in_words, quantity_named, unit_of
 from jaxpound.study.fragility import ANY_LINK
 from jaxpound.study.gaps import RULES
 
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)  # of exceedance, for which required gaps are reported
 
-_SYMBOLS = {"pga": "PGA", "pgv": "PGV"}
-_SPECTRAL = "spectral_acceleration_"  # start of the names of those at the natural periods
+_INTENSITIES = ("pga", "pgv", "spectral_acceleration_")  # starts of the names of columns
 
 _QUANTILES = {0.05: "5 % quantile", 0.5: "median", 0.95: "95 % quantile"}
 _MOST_CORRELATIONS = 8
@@ -48,31 +47,23 @@ def run(args: argparse.Namespace) -> None:
         rules_at = 0.05 if is_pair(study) else None
         figures["required_gap"] = drawn(plots.exceedance, study, rules_at=rules_at)
     for name, curve in curves.items():
-        figures[f"fragility_by_{name}"] = drawn(plots.fragility, curve, **_axis(study, name))
+        figures[f"fragility_by_{name}"] = drawn(plots.fragility, curve)
     if by_link:
-        figures["fragility_of_links"] = drawn(plots.fragility, by_link, **_axis(study, "pga"))
+        pga = str(study.measure("pga"))
+        figures["fragility_of_links"] = drawn(plots.fragility, by_link, intensity=pga)
     if study.about["identity"]["parameters"]:
         column = correlated(study)
         figures["correlations"] = drawn(plots.correlations, study, column=column)
         figures["parameters"] = drawn(plots.scatter_matrix, study, [column])
     if "configuration" in (study.about["notes"] or {}):
         files.write_files(args.out, {"study.toml": study.about["notes"]["configuration"]})
-    buildings = "buildings in a row" if answers["links"] else "two adjacent structures"
     parts = parts_of_page(answers, study.checked_floors)
-    files.write_report(args, answers, f"Monte Carlo study of {buildings}", parts, figures)
-
-
-def _axis(study: jp.Study, name: str) -> dict[str, Any]:
-    """The measure of intensity on the axis of a figure, with its unit."""
-    from jaxpound.plots.style import with_unit
-
-    symbol = _SYMBOLS.get(name) or f"$S_a(T_{name.removeprefix(_SPECTRAL)})$"
-    return {"intensity": with_unit(symbol, kind_of(name), study.si)[1]}
+    files.write_report(args, answers, "Monte Carlo study of buildings", parts, figures)
 
 
 def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
     """Pounding against every measure of intensity to which a curve can be fitted."""
-    names = [name for name in study.columns if name in _SYMBOLS or name.startswith(_SPECTRAL)]
+    names = [name for name in study.columns if name.startswith(_INTENSITIES)]
     return {name: curve for name in names if (curve := _fragility(study, name))}
 
 
@@ -91,10 +82,8 @@ def _closing(study: jp.Study) -> list[int]:
 
 def _fragility(study: jp.Study, name: str, link: int | None = None) -> jp.Fragility | None:
     """Of one link or of any; None where the likelihood has no maximum."""
-    im, pounding = study[name], study.pounding(link=link)
-    good = np.isfinite(pounding) & (im > 0)
     with contextlib.suppress(ValueError):
-        return jp.fit_fragility(im[good], pounding[good] == 1)
+        return study.fragility(name, link=link)
     return None
 
 
@@ -108,16 +97,8 @@ def of_links(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> list[dict[s
     places, rows = link_places(study.topology), []
     for k in _closing(study):
         curve = curves.get(places[k])
-        row: dict[str, Any] = {
-            "link": k + 1,
-            "between": places[k],
-            "pounding_probability": files.of_estimate(study.pounding_probability(link=k)),
-            "fragility_by_pga": None if curve is None else files.of_fragility(curve),
-            "required_gap": {
-                str(p): files.of_estimate(study.required_gap(p, link=k))
-                for p in (PROBABILITIES if f"required_gap_{k + 1}" in study.columns else ())
-            },
-        }
+        row: dict[str, Any] = {"link": k + 1, "between": places[k], **_of_pounding(study, k)}
+        row["fragility_by_pga"] = None if curve is None else files.of_fragility(curve)
         if f"n_impacts_{k + 1}" in study.columns:
             row |= {
                 "mean_number_of_impacts": study.moments(f"n_impacts_{k + 1}").mean,
@@ -125,6 +106,18 @@ def of_links(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> list[dict[s
             }
         rows.append(row)
     return rows
+
+
+def _of_pounding(study: jp.Study, link: int | None = None) -> dict[str, Any]:
+    """How likely pounding is, and the gaps against it, at a link or at any."""
+    column = "required_gap" if link is None else f"required_gap_{link + 1}"
+    asked = PROBABILITIES if column in study.columns else ()
+    return {
+        "pounding_probability": files.of_estimate(study.pounding_probability(link=link)),
+        "required_gap": {
+            str(p): files.of_estimate(study.required_gap(p, link=link)) for p in asked
+        },
+    }
 
 
 def correlated(study: jp.Study) -> str:
@@ -137,13 +130,11 @@ def summary(
 ) -> dict[str, Any]:
     """The study's statistics, with its ``fragilities`` and ``fragilities_of_links``, for JSON."""
     identity, si = study.about["identity"], study.si
-    required_gap, demands, correlation = {}, {}, None
-    for p in PROBABILITIES if "required_gap" in study.columns else ():
-        required_gap[str(p)] = files.of_estimate(study.required_gap(p))
-        if is_pair(study):
-            separation = study.separation(p)
-            required_gap[str(p)] |= {rule: getattr(separation, rule) for rule in RULES}
-            correlation = separation.correlation
+    demands, correlation, pounding = {}, None, _of_pounding(study)
+    for p, gap in pounding["required_gap"].items() if is_pair(study) else ():
+        separation = study.separation(float(p))
+        gap |= {rule: getattr(separation, rule) for rule in RULES}
+        correlation = separation.correlation
     for name in (x for x in study.told() if x != "pounds"):
         moments, finite = study.moments(name), study.finite(name)
         if not finite.size and not is_pair(study):  # the gap of a damper without one
@@ -171,8 +162,7 @@ def summary(
             "sampling": identity["sampling"],
             "units": "SI" if si else "dimensionless",
             "grid": {"dt": identity["grid"]["dt"], "n_steps": identity["grid"]["n_steps"]},
-            "pounding_probability": files.of_estimate(study.pounding_probability()),
-            "required_gap": required_gap,
+            **pounding,
             "demands": demands,
             "impacts": {str(k): files.of_estimate(x) for k, x in counts.items()},
             f"correlations_with_{column}": dict(ranked),
@@ -187,32 +177,23 @@ def summary(
 
 
 def _links_parts(links: list[dict[str, Any]], si: bool) -> list[str | TextTable]:
-    gaps = [link["required_gap"] for link in links]
-    curves = [link["fragility_by_pga"] or {} for link in links]
-    columns: dict[str, list[Any]] = {
-        "link": [str(link["link"]) for link in links],
-        "between": [link["between"] for link in links],
-        "probability of pounding": [link["pounding_probability"]["value"] for link in links],
-        "95 % interval": [_ends(link["pounding_probability"]) for link in links],
-    }
-    for p in PROBABILITIES[:3] if any(gaps) else ():
-        at = [gap.get(str(p), {}).get("value") for gap in gaps]
-        columns[f"gap ({unit_of('required_gap', si)}) at {p}"] = at
-    if any("mean_number_of_impacts" in link for link in links):
-        force = f"largest force ({unit_of('peak_contact', si)})"
-        columns |= {
-            "mean number of impacts": [link.get("mean_number_of_impacts") for link in links],
-            force: [link.get("largest_contact_force") for link in links],
-        }
-    if any(curves):
-        columns |= {
-            f"median θ by PGA ({unit_of('pga', si)})": [curve.get("median") for curve in curves],
-            "dispersion β": [curve.get("dispersion") for curve in curves],
-        }
-    parts: list[str | TextTable] = [files.table_of(columns)]
-    if any(gaps):
+    rows, force, pga = [], f"({unit_of('peak_contact', si)})", f"({unit_of('pga', si)})"
+    for link in links:
+        gaps, curve = link["required_gap"], link["fragility_by_pga"] or {}
+        row = {"link": str(link["link"]), "between": link["between"]}
+        row["probability of pounding"] = link["pounding_probability"]["value"]
+        row["95 % interval"] = _ends(link["pounding_probability"])
+        for p in PROBABILITIES[:3]:
+            gap = gaps.get(str(p), {}).get("value")
+            row[f"gap ({unit_of('required_gap', si)}) at {p}"] = gap
+        row["mean number of impacts"] = link.get("mean_number_of_impacts")
+        row[f"largest force {force}"] = link.get("largest_contact_force")
+        row[f"median θ by PGA {pga}"] = curve.get("median")
+        rows.append(row | {"dispersion β": curve.get("dispersion")})
+    parts: list[str | TextTable] = [files.table_of(rows)]
+    if any(link["required_gap"] for link in links):
         parts.append("A gap at a probability is that at which the link pounds so often.")
-    if not all(curves):
+    if not all(link["fragility_by_pga"] for link in links):
         parts.append("No fragility curve fits a link that pounds always, never or at random.")
     return parts
 

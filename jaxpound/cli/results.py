@@ -175,44 +175,17 @@ def envelope(buildings: jp.Buildings, response: jp.Response) -> str:
 
 def lines(results: dict[str, Any], checked_floors: str = "") -> list[str]:
     """The results of ``of_simulation`` as text for the screen; as ``Demand.checked_floors``."""
-    buildings, links = results["buildings"], results["links"]
-    modes = [building["modes"][0] for building in buildings]
-    columns = {
-        "building": [str(i) for i, _ in enumerate(buildings, 1)],
-        "storeys": [x["storeys"] for x in buildings],
-        "period (s)": [mode["period_s"] for mode in modes],
-        "damping (%)": [
-            "overdamped" if mode["overdamped"] else 100 * mode["damping_ratio"] for mode in modes
-        ],
-        "displacement (m)": [x["peak_displacement_m"] for x in buildings],
-        "drift (%)": [100 * x["peak_drift_ratio"] for x in buildings],
-        "acceleration (m/s²)": [x["peak_absolute_acceleration_m_per_s2"] for x in buildings],
-        "base shear (kN)": [x["base_shear_N"] / 1e3 for x in buildings],
-    }
-    tables = [columns]
-    if storeys := [(i, x) for i, building in enumerate(buildings, 1) for x in building["yielding"]]:
-        yields = {
-            "storey that yields": [f"{i}, storey {x['storey']}" for i, x in storeys],
-            "ductility": [x["ductility"] for _, x in storeys],
-            "residual drift (m)": [x["residual_drift_m"] for _, x in storeys],
-            "dissipated (kJ)": [x["dissipated_energy_J"] / 1e3 for _, x in storeys],
-            "first yield (s)": [x["first_yield_time_s"] for _, x in storeys],
-            "collapsed": ["yes" if x["collapsed"] else "no" for _, x in storeys],
-        }
-        tables.append(yields)
-    strokes = [(i, x["tuned_mass_strokes_m"]) for i, x in enumerate(buildings, 1)]
-    if tuned := [(str(i), stroke) for i, lengths in strokes for stroke in lengths]:
-        keys = "tuned mass of building", "stroke (m)"
-        tables.append(dict(zip(keys, map(list, zip(*tuned, strict=True)), strict=True)))
-    if bearings := [(i, x["isolation"]) for i, x in enumerate(buildings, 1) if x["isolation"]]:
-        of_bearings = {
-            "bearings of building": [str(i) for i, _ in bearings],
-            "restoring period (s)": [x["restoring_period_s"] for _, x in bearings],
-            "displacement (m)": [x["displacement_m"] for _, x in bearings],
-            "damping there (%)": [100 * (x["damping_ratio"] or 0.0) for _, x in bearings],
-        }
-        tables.append(of_bearings)
-    texts = [text for x in (*tables, _of_links(links)) if x for text in (table_of(x).text(), "")]
+    links, buildings = results["links"], [*enumerate(results["buildings"], 1)]
+    yielding = [(i, x) for i, building in buildings for x in building["yielding"]]
+    tuned = [(str(i), x) for i, building in buildings for x in building["tuned_mass_strokes_m"]]
+    tables: list[list[dict[str, Any]]] = [
+        [_building_cells(i, building) for i, building in buildings],
+        [_yielding_cells(*storey) for storey in yielding],
+        [{"tuned mass of building": i, "stroke (m)": stroke} for i, stroke in tuned],
+        [_bearing_cells(i, x["isolation"]) for i, x in buildings if x["isolation"]],
+        [_link_cells(link) for link in links],
+    ]
+    texts = [text for rows in tables if rows for text in (table_of(rows).text(), "")]
     if closable := [link for link in links if link["gap_m"] is not None]:
         closest = min(closable, key=lambda link: link["min_gap_m"])
         smallest = f"{results['min_gap_m']:.4g} m at {results['min_gap_time_s']:.5g} s"
@@ -238,29 +211,54 @@ def lines(results: dict[str, Any], checked_floors: str = "") -> list[str]:
     return [*texts, f"Energy   input {total / 1e3:.4g} kJ: {parts}; {residual}"]
 
 
-def _of_links(links: list[dict[str, Any]]) -> dict[str, list[Any]]:
-    columns = {"link": [link["between"] for link in links]} if links else {}
-    gaps = [link["gap_m"] for link in links]
-    if any(gap is not None for gap in gaps):
-        columns |= {
-            "gap (m)": gaps,
-            "smallest (m)": [link["min_gap_m"] for link in links],
-            "at (s)": [link["min_gap_time_s"] for link in links],
-        }
-    if any(link["friction_force_N"] for link in links):
-        slips = [link if link["friction_force_N"] else None for link in links]
-        columns |= {
-            "slip force (kN)": [link and link["friction_force_N"] / 1e3 for link in slips],
-            "slid (m)": [link and link["slip_distance_m"] for link in slips],
-            "offset left (m)": [link and link["residual_offset_m"] for link in slips],
-            "took (kJ)": [link and link["damper_energy_J"] / 1e3 for link in slips],
-        }
-    if any(laws := [link["contact"] for link in links]):
-        columns |= {
-            "impacts": [law and int(law["n_impacts"]) for law in laws],
-            # By Newton's law impacts have impulses, but no force.
-            "force (kN)": [law and (law["peak_contact_N"] / 1e3 or None) for law in laws],
-            "impulse (kN s)": [law and law["peak_impulse_N_s"] / 1e3 for law in laws],
-            "lost (kJ)": [law and law["contact_work_J"] / 1e3 for law in laws],
-        }
-    return columns
+def _building_cells(number: int, building: dict[str, Any]) -> dict[str, Any]:
+    mode, damping = building["modes"][0], 100 * building["modes"][0]["damping_ratio"]
+    return {
+        "building": str(number),
+        "storeys": building["storeys"],
+        "period (s)": mode["period_s"],
+        "damping (%)": "overdamped" if mode["overdamped"] else damping,
+        "displacement (m)": building["peak_displacement_m"],
+        "drift (%)": 100 * building["peak_drift_ratio"],
+        "acceleration (m/s²)": building["peak_absolute_acceleration_m_per_s2"],
+        "base shear (kN)": building["base_shear_N"] / 1e3,
+    }
+
+
+def _yielding_cells(building: int, storey: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "storey that yields": f"{building}, storey {storey['storey']}",
+        "ductility": storey["ductility"],
+        "residual drift (m)": storey["residual_drift_m"],
+        "dissipated (kJ)": storey["dissipated_energy_J"] / 1e3,
+        "first yield (s)": storey["first_yield_time_s"],
+        "collapsed": "yes" if storey["collapsed"] else "no",
+    }
+
+
+def _bearing_cells(building: int, bearings: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "bearings of building": str(building),
+        "restoring period (s)": bearings["restoring_period_s"],
+        "displacement (m)": bearings["displacement_m"],
+        "damping there (%)": 100 * (bearings["damping_ratio"] or 0.0),
+    }
+
+
+def _link_cells(link: dict[str, Any]) -> dict[str, Any]:
+    slips, law = bool(link["friction_force_N"]), link["contact"]
+    return {
+        "link": link["between"],
+        "gap (m)": link["gap_m"],
+        "smallest (m)": link["min_gap_m"],
+        "at (s)": link["min_gap_time_s"],
+        "slip force (kN)": link["friction_force_N"] / 1e3 if slips else None,
+        "slid (m)": link["slip_distance_m"] if slips else None,
+        "offset left (m)": link["residual_offset_m"] if slips else None,
+        "took (kJ)": link["damper_energy_J"] / 1e3 if slips else None,
+        "impacts": law and int(law["n_impacts"]),
+        # By Newton's law impacts have impulses, but no force.
+        "force (kN)": law and (law["peak_contact_N"] / 1e3 or "-"),
+        "impulse (kN s)": law and law["peak_impulse_N_s"] / 1e3,
+        "lost (kJ)": law and law["contact_work_J"] / 1e3,
+    }

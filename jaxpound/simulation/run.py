@@ -28,7 +28,7 @@ from jaxpound.ground.run_input import as_run
 from jaxpound.model.ends import link_ends
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.places import link_places
-from jaxpound.model.system import Link, Structures, System, gravity_of, is_closable
+from jaxpound.model.system import Link, Structures, System, gravity_of, in_si, is_closable
 from jaxpound.model.topology import Topology
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import is_valid
@@ -132,7 +132,7 @@ def simulate(
     response = _finished(response)
     if balanced and not is_traced(residual):
         warn(owner, unbalanced(residual), strict)
-    if case.gravity is not None:
+    if in_si(structures):
         scalars = dataclasses.replace(response.demand, si=True)
         response = dataclasses.replace(response, demand=scalars, si=True)
     case.warn_of_results(owner, response.demand, strict)
@@ -196,7 +196,7 @@ def demand(
         only = tuple(only)
     options = grid, scheme, temperature, only
     scalars = _finished(_demand(traceable, program_key(traceable), *options))
-    scalars = dataclasses.replace(scalars, si=case.gravity is not None)
+    scalars = dataclasses.replace(scalars, si=in_si(structures))
     if only is None:
         case.warn_of_results(owner, scalars, strict)
     return scalars
@@ -254,11 +254,8 @@ class Case(NamedTuple):
         """Warn of implausible results that are not traced, or refuse them if ``strict``."""
         if is_traced((self.structures, demand)):
             return
-        of_pair = hasattr(self.structures, "initial_gap")
-        single_link_names = ("initial_gap", "contact") if of_pair else None
-        si = self.gravity is not None
-        findings = excessive(self.ground, demand.pga / (self.gravity or 1.0), si=si)
-        findings += implausible_links(self.structures.system().links, demand, single_link_names)
+        findings = excessive(self.ground, demand.pga / (self.gravity or 1.0), si=demand.si)
+        findings += _implausible_links(self.structures.system().links, demand)
         warn(owner, findings, strict)
 
 
@@ -324,26 +321,19 @@ def _simulate(
     return response, response.energy.relative_residual if balanced else None
 
 
-def implausible_links(
-    links: Sequence[Link],
-    demand: Demand,
-    single_link_names: tuple[str, str] | None = None,
-) -> list[str]:
-    """Findings in contact laws, and in gaps of dimensionless structures.
-
-    ``links`` are in the units of ``demand``; ``single_link_names`` those of gap and law of a single
-    link, by default links are named by their ends.
-    """
+def _implausible_links(links: Sequence[Link], demand: Demand) -> list[str]:
+    """Findings in contact laws, and in gaps of dimensionless structures, by links' ends."""
     findings, places = [], link_places(cast("Topology", demand.topology))
     for place, link, ends, of_link in zip(
         places, links, link_ends(links), demand.links, strict=True
     ):
         if is_closable(link.gap):  # else no contact is meant
             displacement = sum(abs(w) * demand.masses[mass].peak_x for mass, w in ends)
-            gap, law = single_link_names or (f"link {place}: gap", f"link {place}")
             if not demand.si:  # those of Buildings were judged as they were made
-                findings += far_apart(gap, link.gap, displacement, si=False)
-            findings += too_deep(law, of_link.peak_penetration, displacement, si=demand.si)
+                findings += far_apart(f"link {place}: gap", link.gap, displacement, si=False)
+            findings += too_deep(
+                f"link {place}", of_link.peak_penetration, displacement, si=demand.si
+            )
     return findings
 
 

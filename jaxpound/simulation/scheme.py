@@ -20,7 +20,7 @@ from jaxpound.model.ends import WeightedEnds, along, beside_axis, mobility, weig
 from jaxpound.model.hysteresis import before_yield, zener_of
 from jaxpound.model.joint import groups, joints
 from jaxpound.model.places import link_places, rod_places
-from jaxpound.model.system import Structures, System, gravity_of
+from jaxpound.model.system import Structures, System, in_si
 from jaxpound.model.topology import Topology, WeightedMasses, rod_groups, storey_rods
 from jaxpound.simulation.joints.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.rods.zener import nyquist_stiffness
@@ -204,7 +204,7 @@ def require_stable(structures: Structures, scheme: Scheme, dt: float, place: str
     concrete = jax.tree.map(np.asarray, system)
     if dt > 0 and _courant(concrete, dt, scheme) < 1:
         return
-    unit = "/ω1" if gravity_of(structures) is None else " s"
+    unit = " s" if in_si(structures) else "/ω1"
     limit = stability_limit(system, scheme)
     rule = f"must be positive and below the stability limit {limit:.8g}{unit} of these "
     rule += f"structures, set by {stiffest_rod(concrete, limit, scheme, unit)[0]}"

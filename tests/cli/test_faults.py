@@ -258,7 +258,7 @@ gap = 0.05 ; contact = {law = "newton", restitution = 0.65} & "link.2 ->
 "building.*.floor.*.mass" = {uniform = [1, 1e5]}
     => building.1.floor.1.mass = 2e+10 kg must be between 0.001 and 1e+10 kg
 correlation = 1.5 => [study] correlation = 1.5 must be between
-correlation = -0.9 => [uncertain]: correlation = -0.9 must be
+correlation = -0.9 => [uncertain] correlation = -0.9 must be
 """
 FAULTS["design_row"] = r"""
 total_damper_force = -1.0 => [limits] total_damper_force = -1 N must

@@ -68,7 +68,7 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
             assert gap["value"] == study.required_gap(float(p), link=k).value
     assert 0 < answers["links"][1]["pounding_probability"]["value"] < 1
     page, places = (out / "summary.md").read_text(), link_places(study.topology)
-    assert "# Monte Carlo study of buildings in a row" in page
+    assert "# Monte Carlo study of buildings" in page
     assert re.findall(r"slid by the damper, ([^|]*) \|", page) == [places[2]]
     (links,) = (table for table in tables(page) if "between" in table[0])
     assert links[1]["between"] == "1–2, floor 2"
@@ -84,7 +84,7 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     assert drawn["any link"].median == answers["fragility"]["pga"]["median"]
     assert answers["fragility"]["spectral_acceleration_1"]["unit"] == "m/s²"
     assert "![fragility of links](fragility_of_links.png)" in page
-    shown = plots.fragility(drawn["any link"], **report._axis(study, "pga"))
+    shown = plots.fragility(drawn["any link"])
     assert shown.get_xlabel() == "PGA (m/s²)"
     assert f"= {answers['fragility']['pga']['median']:.3g} m/s²" in shown.lines[0].get_label()
     for figure in ("min_gap", "required_gap", "fragility_of_links", "correlations", "parameters"):
