@@ -89,6 +89,9 @@ class ShearBuilding:
         tau_f: Any,
         tau_x: Any,
         heights: Any = 3.0,
+        *,
+        yield_force: Any = None,
+        hardening: Any = 0.0,
     ) -> ShearBuilding:
         """A building from its floors' masses and its storeys' rods.
 
@@ -104,6 +107,8 @@ class ShearBuilding:
             The rods, as in ``Building``: a number for each storey, or one for all.
         heights
             As in ``ShearBuilding``.
+        yield_force, hardening
+            Of each storey, or one for all, if they yield (``yielding``); by default they do not.
 
         Examples
         --------
@@ -120,7 +125,10 @@ class ShearBuilding:
         for i, numbers in enumerate(zip(masses, *listed, strict=True)):
             with renamed(f"{owner}: storeys.{i}"):
                 storeys.append(Building(*numbers))
-        return cls(tuple(storeys), _each(owner, "heights", heights, n))
+        building = cls(tuple(storeys), _each(owner, "heights", heights, n))
+        if yield_force is None:
+            return building
+        return building.yielding(yield_force=yield_force, hardening=hardening)
 
     @classmethod
     def from_period(

@@ -63,8 +63,7 @@ def test_strengths_of_a_building_follow_codes():
     drifts = FRAME.yielding(jp.BoucWen, yield_drift=0.005, exponent=3.0).storeys
     assert [s.hysteresis.yield_displacement for s in drifts] == [0.015] * 3
     numbers = ([300e3] * 2, 4e8, 0.5, 1e-3, 0.05)
-    bare = jp.ShearBuilding.of_storeys(*numbers)
-    listed = bare.yielding(yield_force=[2e6, 1e6], hardening=0.1)
+    listed = jp.ShearBuilding.of_storeys(*numbers, yield_force=[2e6, 1e6], hardening=0.1)
     assert listed.storeys[1].hysteresis.yield_displacement == 0.0025
     assert jp.base_shear_coefficient(0.39, "DCM") == pytest.approx(0.1)
 
