@@ -20,7 +20,7 @@ jax.config.update("jax_enable_x64", True)
 SCHEMES = {
     "default": jp.Scheme(),
     "order 1, event-resolved": jp.Scheme(order=1),
-    "order 2, switching": jp.Scheme(jp.Switching()),
+    "order 2, switching": jp.Scheme(jp.simulation.Switching()),
     "the paper's": jp.PAPER_SCHEME,
 }
 

@@ -25,7 +25,7 @@ from jaxpound.simulation.rods.zener import Zener
 from jaxpound.simulation.time.history import BLOCK
 
 jax.config.update("jax_enable_x64", True)
-CORES = jp.use_cores()
+CORES = jp.runtime.use_cores()
 GPU = jax.default_backend() == "gpu"
 
 CASE = jp.paper.structures()
@@ -40,12 +40,12 @@ import re, sys, time
 import jax, numpy as np
 jax.config.update("jax_enable_x64", True)
 import jaxpound as jp
-jp.use_cores()
+jp.runtime.use_cores()
 sys.path.insert(0, {folder!r})
 import batches
 n = int(sys.argv[1])
 start = time.perf_counter()
-gaps = jp.in_chunks(lambda i: batches.drawn(i, **{changes}).min_gap)(np.arange(n))
+gaps = jp.runtime.in_chunks(lambda i: batches.drawn(i, **{changes}).min_gap)(np.arange(n))
 seconds = time.perf_counter() - start
 peak = int(re.search(r"VmHWM:\\s+(\\d+) kB", open("/proc/self/status").read())[1]) / 2**20
 print(seconds, peak, (gaps <= {at_most}).mean())
@@ -133,7 +133,7 @@ def peer_rods():
         decay = np.concatenate([part.ahead[:, 1] for part in parts])
         weight = np.concatenate([part.weight for part in parts])
         own = [modulus, float(rod.tau_f), float(rod.tau_x)]
-        rows.append([*scaled, *own, *jp.gl_weights(rod.order, 4)[1:], *decay, *weight])
+        rows.append([*scaled, *own, *jp.simulation.gl_weights(rod.order, 4)[1:], *decay, *weight])
     return np.array(rows)
 
 

@@ -72,7 +72,7 @@ def seconds():
 
 def main(names):
     if "--loop-kernels" in names:
-        jp.use_loop_kernels()
+        jp.runtime.use_loop_kernels()
         names.remove("--loop-kernels")
     print(f"{'':28}{'operations':>10}{'traced, s':>11}{'compiled, s':>13}{'run, ms':>9}")
     for name in names or PROGRAMS:

@@ -22,10 +22,10 @@ GRID = jp.TimeGrid.until(20.0, 0.04)
 PAPER = jp.paper.structures()
 OBJECTIVE = jp.Objective(penalties={"peak_f1": 0.6, "damper_force": 0.5})
 RODS = {
-    "rod_1.tau_f": jp.Bounds(0.001, 0.1, "log"),
-    "rod_1.tau_x": jp.Bounds(0.2, 10.0, "log"),
-    "rod_2.tau_f": jp.Bounds(0.02, 0.6, "log"),
-    "rod_2.tau_x": jp.Bounds(0.7, 10.0, "log"),
+    "rod_1.tau_f": jp.design.Bounds(0.001, 0.1, "log"),
+    "rod_1.tau_x": jp.design.Bounds(0.2, 10.0, "log"),
+    "rod_2.tau_f": jp.design.Bounds(0.02, 0.6, "log"),
+    "rod_2.tau_x": jp.design.Bounds(0.7, 10.0, "log"),
 }
 TWO = jp.DesignSpace(PAPER, {"friction": (0.0, 1.0), "rod_1.tau_x": RODS["rod_1.tau_x"]})
 FIVE = jp.DesignSpace(PAPER, {"friction": (0.0, 1.0), **RODS})
@@ -123,7 +123,7 @@ def friction_laws(ensemble):
     print("Gradients by friction law, designs judged by event-resolved friction")
     for name, scheme in (
         ("event-resolved", jp.Scheme()),
-        ("switching", jp.Scheme(jp.Switching())),
+        ("switching", jp.Scheme(jp.simulation.Switching())),
         ("smoothed, 0.1", jp.Scheme(jp.Smoothed(0.1))),
     ):
         for goal, space, many in (
@@ -175,7 +175,7 @@ def iteration(ensemble):
 
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
-    cores = jp.use_cores()
+    cores = jp.runtime.use_cores()
     print(f"JAX {jax.__version__}, {jax.default_backend()}, {cores} cores\n")
     many = earthquakes(256)
     iteration(many)

@@ -20,7 +20,7 @@ WIDTHS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003)
 FACTORS = (4, 2, 1, 1 / 2, 1 / 4, 1 / 8)
 LAWS = {
     "event-resolved": jp.Scheme(),
-    "switching, order 2": jp.Scheme(jp.Switching()),
+    "switching, order 2": jp.Scheme(jp.simulation.Switching()),
     "the paper's": replace(jp.PAPER_SCHEME, checkpoint=True),
 }
 NAMES = ("mu", "tau_x1", "tau_f1", "tau_x2", "tau_f2", "alpha", "beta", "epsilon", "rho")

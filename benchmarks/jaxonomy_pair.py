@@ -6,8 +6,8 @@
 The pair of the verification suite on rods of order 1, which have no memory, under the paper's
 wavelets, 20 time units. jaxonomy (Dormand and Prince's order 5, events by bisection) asks for an
 older JAX than jaxpound does, and so runs in a process of its own. Processor times on one core,
-compiled; those of jaxpound also with ``jp.use_loop_kernels()``. A batch is one of 256 slip forces
-by ``jax.vmap`` in both programs.
+compiled; those of jaxpound also with ``jp.runtime.use_loop_kernels()``. A batch is one of 256 slip
+forces by ``jax.vmap`` in both programs.
 """
 
 import json
@@ -173,7 +173,7 @@ def ours(loop_kernels):
     import jaxpound as jp
 
     if loop_kernels:
-        jp.use_loop_kernels()
+        jp.runtime.use_loop_kernels()
     name = "jaxpound" + loop_kernels * ", loop kernels"
     steps = (0.04, 0.02, 0.01, 0.005)
     return {

@@ -39,7 +39,7 @@ def bare(n):
         z = jax.random.normal(jax.random.fold_in(jax.random.key(0), index), drawn.dimension)
         return jp.demand(*drawn.realize(z), GRID).scalars()
 
-    return jp.in_chunks(run), np.arange(n, dtype=np.uint32)
+    return jp.runtime.in_chunks(run), np.arange(n, dtype=np.uint32)
 
 
 def study(n, folder, **more):
@@ -64,7 +64,7 @@ def child(kind, n, folder="-"):
 
 def run_child(kind, n, folder):
     jax.config.update("jax_enable_x64", True)
-    jp.use_cores()
+    jp.runtime.use_cores()
     start = time.perf_counter()
     if kind == "bare":
         loop, indices = bare(n)
@@ -141,7 +141,7 @@ if __name__ == "__main__":
         run_child(sys.argv[1], int(sys.argv[2]), sys.argv[3])
     else:
         jax.config.update("jax_enable_x64", True)
-        cores = jp.use_cores()
+        cores = jp.runtime.use_cores()
         print(f"JAX {jax.__version__}, {jax.default_backend()}, {cores} cores\n")
         for part in (overhead, millions, workers):
             part()

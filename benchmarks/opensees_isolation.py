@@ -225,7 +225,7 @@ def show(name, errors):
 def main() -> None:
     """Print the tables."""
     ops = of_yielding.opensees()
-    (slider, links), (bearing, _) = (jp.isolated(FLOOR, x, BASE) for x in (PENDULUM, RUBBER))
+    (slider, links), (bearing, _) = (jp.on_bearings(FLOOR, x, BASE) for x in (PENDULUM, RUBBER))
     bouc_wen = jp.ShearBuilding((replace(bearing.storeys[0], hysteresis=SMOOTH), FLOOR))
     link = jp.FloorLink(0, 0, damper=jp.Rod(DAMPER, BRACE))
     plastic = AFTER + LEAD, YIELD[0], AFTER / (AFTER + LEAD), 0.0, 1.0

@@ -26,7 +26,7 @@ from opensees import opensees
 import jaxpound as jp
 
 jax.config.update("jax_enable_x64", True)
-jp.use_cores()
+jp.runtime.use_cores()
 
 END = 12.0
 INSTANTS = np.round(np.linspace(0.5, END, 24), 6)

@@ -19,7 +19,7 @@ import numpy as np
 import jaxpound as jp
 
 jax.config.update("jax_enable_x64", True)
-jp.use_loop_kernels()  # before the other benchmarks compute anything
+jp.runtime.use_loop_kernels()  # before the other benchmarks compute anything
 sys.path.append(str(Path(__file__).parent))
 from opensees import opensees  # noqa: E402
 

@@ -36,7 +36,7 @@ def cost_of_a_gradient(state, n=256):
     z = np.random.default_rng(0).standard_normal((n, case_w.N))
     instants = np.linspace(1, case_w.GRID.n_steps, n).astype(int)
     series = np.zeros(n, int)
-    whole = jp.in_chunks(jax.value_and_grad(state.value), 64)
+    whole = jp.runtime.in_chunks(jax.value_and_grad(state.value), 64)
     calls = {
         "run": lambda: state.values(z),
         "closing at an instant, with gradient": lambda: state.gradients(z, instants, series),

@@ -20,7 +20,7 @@ import jaxpound as jp
 jax.config.update("jax_enable_x64", True)
 
 STRUCTURES, GROUND, GRID = jp.paper.structures(), jp.paper.ground(), jp.paper.grid()
-FULL = jp.Scheme(history=jp.FullHistory())
+FULL = jp.Scheme(history=jp.simulation.FullHistory())
 
 FIRST_CALL = """
 import jax

@@ -80,7 +80,7 @@ class Plane:
 
 def main():
     jax.config.update("jax_enable_x64", True)
-    jp.use_cores()
+    jp.runtime.use_cores()
     chosen = sys.argv[1:] or ["plane", "trains", "noise"]
     print("| case | P | mean / P | c.o.v. measured | stated | intervals | runs | to 10 % | time |")
     print("|---|---|---|---|---|---|---|---|---|")

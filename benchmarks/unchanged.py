@@ -70,7 +70,7 @@ def numbers():
         "default": jp.Scheme(),
         "smoothed": jp.Scheme(jp.Smoothed(0.05)),
         "paper": replace(jp.PAPER_SCHEME, history=jp.ModalHistory()),
-        "full": jp.Scheme(history=jp.FullHistory()),
+        "full": jp.Scheme(history=jp.simulation.FullHistory()),
     }
     for label, scheme in schemes.items():
         for i, (structures, ground) in enumerate(pairs(24 if label == "default" else 4)):

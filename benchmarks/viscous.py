@@ -15,7 +15,7 @@ from benchmarks.verification.el_centro import record
 from jaxpound.simulation.time_steps import chosen_step
 
 jax.config.update("jax_enable_x64", True)
-jp.use_loop_kernels()
+jp.runtime.use_loop_kernels()
 
 DAMPING, FINER = 0.05, 16  # steps of the exact solution in a sample
 NUMBERS, PERIODS, TAUS = (1, 5, 8), (0.5, 0.8, 1.1), (None, 1e-3, 1e-4, 1e-6)

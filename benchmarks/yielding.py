@@ -22,9 +22,9 @@ ELASTIC = "elastic, with memory"
 MATERIALS = {
     ELASTIC: STEEL,
     "bilinear": BILINEAR,
-    "bilinear, with memory": jp.YieldingZener(STEEL, BILINEAR),
+    "bilinear, with memory": jp.model.YieldingZener(STEEL, BILINEAR),
     "Bouc–Wen": BOUC_WEN,
-    "Bouc–Wen, with memory": jp.YieldingZener(STEEL, BOUC_WEN),
+    "Bouc–Wen, with memory": jp.model.YieldingZener(STEEL, BOUC_WEN),
 }
 CASES = ((1, 20_000, 1), (2, 8_000, 1), (3, 8_000, 1), (10, 4_000, 1))
 """Storeys, steps, and buildings."""

@@ -68,8 +68,9 @@ autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.", "eqs.")
 autosummary_context = {
     "without_parameters": [
         name
-        for name in jaxpound.__all__
-        if isinstance(thing := getattr(jaxpound, name), type)
+        for space in (jaxpound, *(getattr(jaxpound, wing) for wing in jaxpound._WINGS))
+        for name in space.__all__
+        if isinstance(thing := getattr(space, name), type)
         and "Parameters\n" not in (thing.__doc__ or "")
     ]
 }

@@ -1,4 +1,4 @@
-# Public names for type checkers; __init__.py imports a module when a name is first used.
+# The names of the first weeks: for type checkers, and for __init__.py, which imports on first use.
 
 from . import design as design
 from . import ground as ground
@@ -8,27 +8,105 @@ from . import paper as paper
 from . import plots as plots
 from . import reliability as reliability
 from . import results as results
+from . import runtime as runtime
 from . import scenarios as scenarios
 from . import simulation as simulation
 from . import study as study
 from ._errors import InvalidInput as InvalidInput
 from ._errors import PlausibilityWarning as PlausibilityWarning
 from ._version import __version__ as __version__
-from ._xla.batches import in_chunks as in_chunks
-from ._xla.batches import use_cores as use_cores
-from ._xla.programs import keep_programs as keep_programs
-from ._xla.programs import use_loop_kernels as use_loop_kernels
 from .buildings import Buildings as Buildings
-from .design import *
+from .design import DesignSpace as DesignSpace
+from .design import Ensemble as Ensemble
+from .design import MeanGap as MeanGap
+from .design import Objective as Objective
+from .design import PoundingProbability as PoundingProbability
+from .design import calibrate as calibrate
+from .design import calibrate_cyclic as calibrate_cyclic
+from .design import design_damper as design_damper
+from .design import elasticities as elasticities
+from .design import pareto_front as pareto_front
 from .grid import TimeGrid as TimeGrid
-from .ground import *
-from .hazard import *
-from .model import *
+from .ground import GammaEnvelope as GammaEnvelope
+from .ground import KanaiTajimi as KanaiTajimi
+from .ground import Pulse as Pulse
+from .ground import Record as Record
+from .ground import RecordSuite as RecordSuite
+from .ground import Ricker as Ricker
+from .ground import pga as pga
+from .ground import read_record as read_record
+from .ground import read_suite as read_suite
+from .ground import spectral_acceleration as spectral_acceleration
+from .hazard import HazardCurve as HazardCurve
+from .hazard import cloud_analysis as cloud_analysis
+from .hazard import incremental_dynamic_analysis as incremental_dynamic_analysis
+from .hazard import multiple_stripes as multiple_stripes
+from .model import GROUND as GROUND
+from .model import AdjacentStructures as AdjacentStructures
+from .model import Bilinear as Bilinear
+from .model import BoucWen as BoucWen
+from .model import Building as Building
+from .model import FloorLink as FloorLink
+from .model import FrictionPendulum as FrictionPendulum
+from .model import Hertz as Hertz
+from .model import HertzDamped as HertzDamped
+from .model import Inerter as Inerter
+from .model import InitialState as InitialState
+from .model import Jankowski as Jankowski
+from .model import KelvinVoigt as KelvinVoigt
+from .model import LeadRubber as LeadRubber
+from .model import Link as Link
+from .model import MoatWall as MoatWall
+from .model import Newton as Newton
+from .model import PowerLaw as PowerLaw
+from .model import Rod as Rod
+from .model import Row as Row
+from .model import ShearBuilding as ShearBuilding
+from .model import Storeys as Storeys
+from .model import System as System
+from .model import VelocityFriction as VelocityFriction
+from .model import ZenerRod as ZenerRod
 from .model import contact as contact
+from .model import contact_stiffness as contact_stiffness
+from .model import floor_links as floor_links
+from .model import modes as modes
+from .model import on_bearings as on_bearings
+from .model import pushover as pushover
+from .model import tuned_inerter_damper as tuned_inerter_damper
+from .model import tuned_mass_damper as tuned_mass_damper
 from .quantities import STANDARD_GRAVITY as STANDARD_GRAVITY
-from .reliability import *
-from .results import *
-from .scenarios import *
-from .simulation import *
-from .study import *
+from .reliability import LimitState as LimitState
+from .reliability import RareEvent as RareEvent
+from .reliability import rare_event as rare_event
+from .reliability import reach_probability as reach_probability
+from .reliability import subset_simulation as subset_simulation
+from .results import Demand as Demand
+from .results import Response as Response
+from .results import floor_demands as floor_demands
+from .scenarios import CustomDraw as CustomDraw
+from .scenarios import FilteredNoise as FilteredNoise
+from .scenarios import LogNormal as LogNormal
+from .scenarios import Normal as Normal
+from .scenarios import RandomRecord as RandomRecord
+from .scenarios import RandomRicker as RandomRicker
+from .scenarios import Scenarios as Scenarios
+from .scenarios import UncertainStructures as UncertainStructures
+from .scenarios import Uniform as Uniform
+from .simulation import PAPER_SCHEME as PAPER_SCHEME
+from .simulation import EventResolved as EventResolved
+from .simulation import ModalHistory as ModalHistory
+from .simulation import Scheme as Scheme
+from .simulation import Smoothed as Smoothed
+from .simulation import demand as demand
+from .simulation import simulate as simulate
+from .simulation import stability_limit as stability_limit
+from .study import Study as Study
+from .study import asce_7_gap as asce_7_gap
+from .study import cyclic_test as cyclic_test
+from .study import en_1998_gap as en_1998_gap
+from .study import fit_fragility as fit_fragility
+from .study import inelastic_spectrum as inelastic_spectrum
+from .study import monte_carlo as monte_carlo
+from .study import perturbation_growth as perturbation_growth
+from .study import sobol_sensitivity as sobol_sensitivity
 from .units import Scales as Scales

@@ -186,7 +186,7 @@ def test_a_user_s_law_of_contact_has_rare_events_and_runs_as_it_is_written():
 
 
 def test_a_design_has_bounds_and_limits_in_newtons_and_metres():
-    limits = {"damper_force": jp.Limit(300e3), "peak_x1": jp.Limit(0.2)}
+    limits = {"damper_force": jp.design.Limit(300e3), "peak_x1": jp.design.Limit(0.2)}
     row, scales, grid = scaled(PAIR)
 
     def problem_of(structures, most, ground, grid):

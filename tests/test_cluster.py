@@ -104,6 +104,6 @@ def test_two_processes_of_one_program_share_a_batch_and_fill_a_store(tmp_path):
         z = jax.random.normal(jax.random.fold_in(jax.random.key(0), index), scenarios.dimension)
         return jp.demand(*scenarios.realize(z), grid).min_gap
 
-    gaps = jp.in_chunks(gap)(jnp.arange(1024))
+    gaps = jp.runtime.in_chunks(gap)(jnp.arange(1024))
     assert float(numbers[0]) == pytest.approx(np.mean(gaps <= 0.5), abs=1e-6)
     assert float(numbers[1]) == pytest.approx(gaps.min(), abs=1e-8)

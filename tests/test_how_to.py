@@ -20,6 +20,6 @@ def test_a_guide_runs_and_prints_what_it_says(page, capsys, tmp_path, monkeypatc
     assert source.count("print(") == len(said)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
-    monkeypatch.setattr(jp, "use_cores", lambda: None)  # JAX runs already
+    monkeypatch.setattr(jp.runtime, "use_cores", lambda: None)  # JAX runs already
     exec(compile(source, page.name, "exec"), {"__name__": page.stem})
     assert capsys.readouterr().out.splitlines() == said

@@ -86,13 +86,13 @@ def test_a_comparison_shows_itself_with_units(mean):
     before = {"min_gap": gaps, "initial_gap": np.ones(9), "damper_force": np.full(9, 2.0)}
     after = before | {"min_gap": gaps + 0.05}
     for si, units in ((True, ("m", "N")), (False, ("g/ω1²", "m1 g"))):
-        found = jp.Comparison(before, after, jp.Objective(), si)
+        found = jp.design.Comparison(before, after, jp.Objective(), si)
         shown = assert_shown(found)
         assert set(units) < set(shown)
         assert f"pounding in {100 * np.mean(gaps <= 0):.4g} % of them before" in "".join(shown)
         assert f"{np.mean(gaps) + 0.05:.4g}" in shown
     chance = jp.Objective(jp.PoundingProbability(0.1))
-    assert assert_shown(jp.Comparison(before, after, chance, True))[-1][-1] == ")"
+    assert assert_shown(jp.design.Comparison(before, after, chance, True))[-1][-1] == ")"
 
 
 ROWS = [("peak |x_1|", "m", 0.1, 2), ("force", "N", 1234567.0, None)]

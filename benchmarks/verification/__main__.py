@@ -4,7 +4,7 @@ import sys
 
 import jaxpound as jp
 
-jp.use_cores()  # before anything is computed, as the imports below do
+jp.runtime.use_cores()  # before anything is computed, as the imports below do
 
 from benchmarks.verification.command import main  # noqa: E402
 

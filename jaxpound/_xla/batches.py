@@ -102,7 +102,7 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
     >>> def gap(friction):
     ...     structures = replace(jp.paper.structures(), friction=friction)
     ...     return jp.demand(structures, jp.paper.ground(), grid).min_gap
-    >>> [round(float(x), 3) for x in jp.in_chunks(gap)(np.array([0.1, 0.2, 0.3]))]
+    >>> [round(float(x), 3) for x in jp.runtime.in_chunks(gap)(np.array([0.1, 0.2, 0.3]))]
     [0.172, 0.26, 0.314]
     """
     if not callable(function):

@@ -54,7 +54,7 @@ def keep_programs(folder: str | os.PathLike[str] | None = None) -> Path | None:
     >>> import tempfile
     >>> before = jax.config.jax_compilation_cache_dir
     >>> with tempfile.TemporaryDirectory() as scratch:
-    ...     programs = jp.keep_programs(scratch)
+    ...     programs = jp.runtime.keep_programs(scratch)
     >>> programs.parts[-2:]
     ('jaxpound', 'programs')
     >>> jax.config.update("jax_compilation_cache_dir", before)
@@ -167,6 +167,6 @@ def _warn(thread: int) -> None:
     depth, changed, _ = _waits[thread]
     if depth or time.monotonic() - changed < _PAUSE:
         kept = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
-        again = "" if kept else ", and later processes after jaxpound.keep_programs()"
+        again = "" if kept else ", and later processes after jaxpound.runtime.keep_programs()"
         message = "jaxpound: tracing and compiling a program, for %g s so far; later runs of the "
         _log.warning(message + "same kind and time grid reuse it%s", AFTER, again)

@@ -38,12 +38,12 @@ class ObjectiveTable(OfClass):
 
     CLASSES: ClassVar = {
         "mean gap": jp.MeanGap,
-        "worst gap": jp.WorstGap,
-        "soft minimum": jp.SoftMinimum,
-        "CVaR": jp.CVaR,
+        "worst gap": jp.design.WorstGap,
+        "soft minimum": jp.design.SoftMinimum,
+        "CVaR": jp.design.CVaR,
         "pounding probability": jp.PoundingProbability,
-        "gap at rest": jp.GapAtRest,
-        "least demand": jp.LeastDemand,
+        "gap at rest": jp.design.GapAtRest,
+        "least demand": jp.design.LeastDemand,
     }
     goal: Literal[_OfGaps, "pounding probability", "gap at rest", "least demand"] = "mean gap"
     temperature: _Temperature | None = None
@@ -220,7 +220,10 @@ def priced(
     if objective.demand is None and not layout.gaps:
         rule = 'must be "least demand" where no [[link]] has a gap'
         raise refused(f"{name}: [objective] goal", rule, goal)
-    tables: dict[str, Any] = {"limits": (jp.Limit, limits), "penalties": (jp.Penalty, penalties)}
+    tables: dict[str, Any] = {
+        "limits": (jp.design.Limit, limits),
+        "penalties": (jp.design.Penalty, penalties),
+    }
     priced: dict[str, dict[str, Any]] = {table: {} for table in tables}
     allowed = demands.limited_demands(system)
     if objective.demand is not None:

@@ -16,7 +16,7 @@ from jaxpound.results.named import in_words, unit_of, viscous_forces
 _WHEN = ("before", "after")
 
 
-def answer_of(design: jp.Design, parameters: Parameters) -> list[dict[str, Any]]:
+def answer_of(design: jp.design.Design, parameters: Parameters) -> list[dict[str, Any]]:
     """The design in words: what was chosen, and what follows for dampers and buildings."""
     ends: list[Any] = [put(design.space.nominal, design.start), design.structures]
     rows = []
@@ -37,7 +37,7 @@ def answer_of(design: jp.Design, parameters: Parameters) -> list[dict[str, Any]]
     return rows
 
 
-def _variables(design: jp.Design) -> dict[str, dict[str, Any]]:
+def _variables(design: jp.design.Design) -> dict[str, dict[str, Any]]:
     before, bounds = design.start, design.active_bounds
     return {
         path: {"before": before[path], "after": after, "at_bound": bounds.get(path)}
@@ -61,9 +61,9 @@ def _change(
 
 
 def summary(
-    design: jp.Design,
+    design: jp.design.Design,
     answer: Sequence[Mapping[str, Any]],
-    recorded: Mapping[str, jp.Comparison],
+    recorded: Mapping[str, jp.design.Comparison],
 ) -> dict[str, Any]:
     """Summary of a design for JSON; ``recorded`` are single earthquakes by name."""
     si, demand = design.trained.si, design.objective_function.demand
@@ -103,7 +103,7 @@ def summary(
     )
 
 
-def _compared(comparison: jp.Comparison) -> dict[str, Any]:
+def _compared(comparison: jp.design.Comparison) -> dict[str, Any]:
     objective = {name: x._asdict() for name, x in comparison.objective.items()}
     answers: dict[str, Any] = {"earthquakes": len(comparison), "objective": objective}
     if comparison.has_gaps:
@@ -118,9 +118,9 @@ def _compared(comparison: jp.Comparison) -> dict[str, Any]:
 
 
 def tables_of(
-    design: jp.Design,
+    design: jp.design.Design,
     answer: Sequence[Mapping[str, Any]],
-    recorded: Mapping[str, jp.Comparison],
+    recorded: Mapping[str, jp.design.Comparison],
 ) -> list[TextTable]:
     """The tables of the screen and the page: what changed, the design's own, and the recorded."""
     keys, cells = ("unit", "before", "after", "change"), []

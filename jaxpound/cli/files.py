@@ -167,12 +167,12 @@ def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
     return text.getvalue()
 
 
-def of_estimate(estimate: Estimate | jp.AnnualRate) -> dict[str, float]:
+def of_estimate(estimate: Estimate | jp.hazard.AnnualRate) -> dict[str, float]:
     """An estimate and its interval, for JSON."""
     return {"value": estimate.value, "low": estimate.low, "high": estimate.high}
 
 
-def of_fragility(curve: jp.Fragility) -> dict[str, float]:
+def of_fragility(curve: jp.study.Fragility) -> dict[str, float]:
     """The parameters of a fragility with their standard errors, for JSON."""
     names = ("median", "median_error", "dispersion", "dispersion_error")
     return {name: getattr(curve, name) for name in names}

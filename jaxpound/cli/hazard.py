@@ -72,12 +72,12 @@ class FragilityTable(Section):
                 rule = f"must be at most the {name} itself, {value:g}"
                 raise refused(f"{name}_error", rule, f"{error:g}")
 
-    def model(self) -> jp.Fragility:
+    def model(self) -> jp.study.Fragility:
         """The library's ``Fragility``, without data."""
         errors = [np.nan, np.nan]
         if self.median_error is not None and self.dispersion_error is not None:
             errors = [self.median_error / self.median, self.dispersion_error]
-        return jp.Fragility(self.median, self.dispersion, np.diag(np.square(errors)))
+        return jp.study.Fragility(self.median, self.dispersion, np.diag(np.square(errors)))
 
 
 class StudyTable(Section):
@@ -134,14 +134,14 @@ class LifetimeRisk(NamedTuple):
     """The annual rate of pounding, and what it is computed from."""
 
     hazard: jp.HazardCurve
-    fragility: jp.Fragility | None  # None if the hazard has drawn the study's earthquakes
-    rate: jp.AnnualRate
+    fragility: jp.study.Fragility | None  # None if the hazard has drawn the study's earthquakes
+    rate: jp.hazard.AnnualRate
     gaps: Mapping[float, Estimate]  # required ones, by their probabilities within the years
     results: LifetimeResults
     column: str | None = None  # without a fragility the study's column that measures the shaking
 
     @property
-    def deaggregation(self) -> jp.Deaggregation:
+    def deaggregation(self) -> jp.hazard.Deaggregation:
         """The rate by bands of intensity."""
         return self.rate.deaggregation(bands=self.results.bands, intensity=self.column)
 

@@ -23,7 +23,7 @@ _LEVELS = Range(1e-6, 100, "g", "twenty times the strongest PGA that was recorde
 _Level = Annotated[float, between(*_LEVELS)]
 _Levels = Annotated[list[_Level], says(f"a list of numbers {_LEVELS.rule}", min_length=1)]
 _Ends = Annotated[tuple[float, float], says("two numbers, [low, high]")]
-_RANGES = {"asce 7": jp.PeriodRange.asce_7, "en 1998": jp.PeriodRange.en_1998}
+_RANGES = {"asce 7": jp.ground.PeriodRange.asce_7, "en 1998": jp.ground.PeriodRange.en_1998}
 
 
 class SuiteTable(Section):
@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> None:
 
 def records(
     file: File, config: IdaConfig, strict: bool = False
-) -> tuple[jp.RecordSuite, jp.ScaledSuite | None]:
+) -> tuple[jp.RecordSuite, jp.ground.ScaledSuite | None]:
     """The suite that is run, and how it was scaled if there is a target."""
     table, folder = config.suite, file.folder / config.suite.folder
     with named(f"{file.name}: [suite]"):
@@ -133,7 +133,7 @@ def records(
     with named(f"{file.name}: [target]"):
         periods = natural_periods(config.buildings)
         span: Any = _RANGES[to.code](*periods) if to.code else to.range
-        target = jp.TargetSpectrum(to.periods, to.accelerations, to.damping)
+        target = jp.ground.TargetSpectrum(to.periods, to.accelerations, to.damping)
         scaled = suite.scaled_to(
             target, span, to.factors, best=to.best, least=to.least, strict=strict
         )
@@ -146,7 +146,7 @@ def analysed(
     suite: jp.RecordSuite,
     strict: bool = False,
     store: Path | None = None,
-) -> jp.IncrementalDynamicAnalysis:
+) -> jp.hazard.IncrementalDynamicAnalysis:
     """The analysis of the buildings under these records."""
     ladder, run, buildings = config.ida, config.run, config.buildings
     options = run.scheme, [*suite], run.duration, run.dt
@@ -172,9 +172,9 @@ def analysed(
 def summary(
     file: File,
     suite: jp.RecordSuite,
-    scaled: jp.ScaledSuite | None,
-    analysis: jp.IncrementalDynamicAnalysis,
-    curve: jp.Fragility | None,
+    scaled: jp.ground.ScaledSuite | None,
+    analysis: jp.hazard.IncrementalDynamicAnalysis,
+    curve: jp.study.Fragility | None,
 ) -> dict[str, Any]:
     """The analysis in numbers; infinite capacities, of records that stay below, are null."""
 

@@ -54,7 +54,7 @@ class IsolationSection(OfClass):
         if (wall := self.wall) is not None:
             options["wall"] = jp.MoatWall(of_faces(wall.gap), wall.contact and wall.contact.model())
         with named("isolation:"):
-            isolated, of_base = jp.isolated(building, self.model(), self.base_mass, **options)
+            isolated, of_base = jp.on_bearings(building, self.model(), self.base_mass, **options)
         # What led to the ground leads to the base.
         higher = [
             replace(x, floor=x.floor + 1, next_floor=x.other_floor + 1, next_building=number)

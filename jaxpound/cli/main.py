@@ -57,12 +57,12 @@ def _run(args: argparse.Namespace, *, alone: bool) -> None:
 
     jax.config.update("jax_enable_x64", True)
     with contextlib.suppress(RuntimeError):  # called where JAX runs already
-        jp.use_cores()
+        jp.runtime.use_cores()
         if alone:
-            jp.use_loop_kernels()
+            jp.runtime.use_loop_kernels()
     with _short_warnings(strict=getattr(args, "strict", False)):
         if alone:
-            jp.keep_programs()
+            jp.runtime.keep_programs()
         import_module(f"jaxpound.cli.{args.command}").run(args)
 
 

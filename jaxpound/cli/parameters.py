@@ -204,9 +204,9 @@ class VariableBounds(Section):
     def __str__(self) -> str:
         return f'{{low = {self.low:g}, high = {self.high:g}, scale = "{self.scale}"}}'
 
-    def times(self, value: float) -> jp.Bounds:
+    def times(self, value: float) -> jp.design.Bounds:
         """The bounds of the parameter itself, from its stated value."""
-        return jp.Bounds(self.low * value, self.high * value, self.scale)
+        return jp.design.Bounds(self.low * value, self.high * value, self.scale)
 
     @property
     def inverse(self) -> VariableBounds | None:

@@ -61,13 +61,13 @@ def run(args: argparse.Namespace) -> None:
     files.write_report(args, answers, "Monte Carlo study of buildings", parts, figures)
 
 
-def fragilities(study: jp.Study) -> dict[str, jp.Fragility]:
+def fragilities(study: jp.Study) -> dict[str, jp.study.Fragility]:
     """Pounding against every measure of intensity to which a curve can be fitted."""
     names = [name for name in study.columns if name.startswith(_INTENSITIES)]
     return {name: curve for name in names if (curve := _fragility(study, name))}
 
 
-def fragilities_of_links(study: jp.Study) -> dict[str, jp.Fragility]:
+def fragilities_of_links(study: jp.Study) -> dict[str, jp.study.Fragility]:
     """Pounding against PGA at each of several links that can close, and at any of them."""
     places, numbers = link_places(study.topology), _closing(study)
     links = {places[k]: k for k in numbers} | ({ANY_LINK: None} if len(numbers) > 1 else {})
@@ -80,7 +80,7 @@ def _closing(study: jp.Study) -> list[int]:
     return [k for k in range(n if n > 1 else 0) if study.finite(f"min_gap_{k + 1}").size]
 
 
-def _fragility(study: jp.Study, name: str, link: int | None = None) -> jp.Fragility | None:
+def _fragility(study: jp.Study, name: str, link: int | None = None) -> jp.study.Fragility | None:
     """Of one link or of any; None where the likelihood has no maximum."""
     with contextlib.suppress(ValueError):
         return study.fragility(name, link=link)
@@ -92,7 +92,7 @@ def is_pair(study: jp.Study) -> bool:
     return study.about["oscillators"] is not None
 
 
-def of_links(study: jp.Study, curves: Mapping[str, jp.Fragility]) -> list[dict[str, Any]]:
+def of_links(study: jp.Study, curves: Mapping[str, jp.study.Fragility]) -> list[dict[str, Any]]:
     """Each link of several that has a gap: its place, its pounding, and its fragility by PGA."""
     places, rows = link_places(study.topology), []
     for k in _closing(study):
@@ -126,7 +126,9 @@ def correlated(study: jp.Study) -> str:
 
 
 def summary(
-    study: jp.Study, curves: Mapping[str, jp.Fragility], by_link: Mapping[str, jp.Fragility]
+    study: jp.Study,
+    curves: Mapping[str, jp.study.Fragility],
+    by_link: Mapping[str, jp.study.Fragility],
 ) -> dict[str, Any]:
     """The study's statistics, with its ``fragilities`` and ``fragilities_of_links``, for JSON."""
     identity, si = study.about["identity"], study.si

@@ -183,7 +183,7 @@ class RunSection(Section):
         """The discretisation, in SI units."""
         if self.smoothing_velocity is not None:
             return jp.Scheme(jp.Smoothed(self.smoothing_velocity), order=self.order)
-        law = jp.Switching() if self.friction == "switching" else jp.EventResolved()
+        law = jp.simulation.Switching() if self.friction == "switching" else jp.EventResolved()
         return jp.Scheme(law, order=self.order)
 
 
@@ -295,9 +295,9 @@ class EnvelopeTable(Section):
             raise ValueError(f"must have {', '.join(_OF_GAMMA)}, or {', '.join(_OF_PLATEAU)}")
         self.model()
 
-    def model(self) -> jp.GammaEnvelope | jp.PlateauEnvelope:
+    def model(self) -> jp.GammaEnvelope | jp.ground.PlateauEnvelope:
         """The library's envelope, in seconds."""
-        kind: Any = jp.GammaEnvelope if self.peak is not None else jp.PlateauEnvelope
+        kind: Any = jp.GammaEnvelope if self.peak is not None else jp.ground.PlateauEnvelope
         with named("", {"rise": "s", "end": "s"}):
             return kind(**self.stated())
 
@@ -388,7 +388,9 @@ class Earthquakes(Section):
         filter: Any = jp.KanaiTajimi(*ground)
         if self.high_pass is not None:
             share = {"high_pass_damping": self.high_pass_damping} if self.high_pass_damping else {}
-            filter = jp.CloughPenzien(*ground, high_pass=2 * math.pi * self.high_pass, **share)
+            filter = jp.ground.CloughPenzien(
+                *ground, high_pass=2 * math.pi * self.high_pass, **share
+            )
         dt = self.dt or 1 / (_SAMPLES_IN_A_PERIOD * table.frequency)
         strength = table.acceleration
         return jp.FilteredNoise(

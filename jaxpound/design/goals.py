@@ -85,7 +85,7 @@ class CVaR:
     Examples
     --------
     >>> gaps = np.array([0.1, 0.4, 0.2, 0.3])
-    >>> round(float(jp.CVaR(0.5)(gaps, np.ones(4))), 6)  # mean of the smaller half
+    >>> round(float(jp.design.CVaR(0.5)(gaps, np.ones(4))), 6)  # mean of the smaller half
     0.15
     """
 
@@ -153,7 +153,8 @@ class LeastDemand:
 
     Examples
     --------
-    >>> objective = jp.Objective(jp.LeastDemand("peak_drift"), limits={"total_damper_force": 0.5})
+    >>> goal = jp.design.LeastDemand("peak_drift")
+    >>> objective = jp.Objective(goal, limits={"total_damper_force": 0.5})
     >>> objective.goal
     LeastDemand(demand='peak_drift', over='mean')
     """

@@ -34,13 +34,13 @@ class Limit:
 
     Examples
     --------
-    >>> jp.Limit(0.4, over="mean")
+    >>> jp.design.Limit(0.4, over="mean")
     Limit(at_most=0.4, over='mean', probability=None)
 
     The least damper with which a gap of 0.645 is exceeded once in a million earthquakes:
 
-    >>> seldom = {"required_gap": jp.Limit(0.645, probability=1e-6)}
-    >>> objective = jp.Objective(jp.LeastDemand("damper_force"), limits=seldom)
+    >>> seldom = {"required_gap": jp.design.Limit(0.645, probability=1e-6)}
+    >>> objective = jp.Objective(jp.design.LeastDemand("damper_force"), limits=seldom)
     """
 
     at_most: float | None = None
@@ -148,7 +148,7 @@ class Objective:
 
     Examples
     --------
-    >>> objective = jp.Objective(jp.CVaR(0.1), {"peak_f1": 0.6}, {"damper_force": 0.3})
+    >>> objective = jp.Objective(jp.design.CVaR(0.1), {"peak_f1": 0.6}, {"damper_force": 0.3})
     >>> objective.penalties
     {'peak_f1': Penalty(weight=0.6, over='mean')}
     >>> objective.limits

@@ -38,7 +38,7 @@ class Bounds(Checked):
 
     Examples
     --------
-    >>> bounds = jp.Bounds(0.1, 10.0, "log")
+    >>> bounds = jp.design.Bounds(0.1, 10.0, "log")
     >>> round(float(bounds.value(0.5, bounds.low)), 6)  # half way, by ratio
     1.0
     """
@@ -91,7 +91,7 @@ class DesignSpace:
 
     Examples
     --------
-    >>> bounds = {"friction": (0.0, 1.0), "rod_1.tau_x": jp.Bounds(0.2, 10.0, "log")}
+    >>> bounds = {"friction": (0.0, 1.0), "rod_1.tau_x": jp.design.Bounds(0.2, 10.0, "log")}
     >>> space = jp.DesignSpace(jp.paper.structures(), bounds)
     >>> space.names
     ('rod_1.tau_x', 'friction')

@@ -41,7 +41,7 @@ def pgv(ground: GroundLike, grid: TimeGrid | None = None, gravity: float = 1.0) 
     Examples
     --------
     >>> record = jp.Record([0.0, 0.1, -0.2, 0.0], dt=0.5)
-    >>> round(float(jp.pgv(record, gravity=jp.STANDARD_GRAVITY)), 4)  # m/s
+    >>> round(float(jp.ground.pgv(record, gravity=jp.STANDARD_GRAVITY)), 4)  # m/s
     0.4903
     """
     a, dt = samples_of(ground, grid)

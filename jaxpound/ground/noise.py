@@ -72,7 +72,7 @@ class CloughPenzien:
 
     Examples
     --------
-    >>> firm = jp.CloughPenzien(15.6, 0.6, high_pass=1.5, high_pass_damping=0.6)  # rad/s
+    >>> firm = jp.ground.CloughPenzien(15.6, 0.6, high_pass=1.5, high_pass_damping=0.6)  # rad/s
     >>> float(firm.gain(0.0)), round(float(firm.gain(15.6)), 3)
     (0.0, 1.305)
     """
@@ -151,7 +151,7 @@ class PlateauEnvelope:
 
     Examples
     --------
-    >>> envelope = jp.PlateauEnvelope(rise=4.0, end=15.0, decay=0.3)
+    >>> envelope = jp.ground.PlateauEnvelope(rise=4.0, end=15.0, decay=0.3)
     >>> [round(float(envelope(t)), 4) for t in (2.0, 10.0, 20.0)]
     [0.25, 1.0, 0.2231]
     """

@@ -179,7 +179,7 @@ class RecordSuite(Shown):
         --------
         >>> waves = [0.2 * np.sin(w * 0.02 * np.arange(628)) for w in (4.0, 7.0, 11.0)]
         >>> suite = jp.RecordSuite([jp.Record(wave, 0.02) for wave in waves])
-        >>> target = jp.TargetSpectrum([0.1, 0.5, 2.0], [0.5, 0.5, 0.125])
+        >>> target = jp.ground.TargetSpectrum([0.1, 0.5, 2.0], [0.5, 0.5, 0.125])
         >>> scaled = suite.scaled_to(target, (0.3, 1.5), best=2, least=0.9)
         >>> scaled.suite.names, round(scaled.least_ratio, 3)
         (('record 2', 'record 3'), 0.9)

@@ -35,9 +35,9 @@ class PeriodRange(NamedTuple):
 
     Examples
     --------
-    >>> jp.PeriodRange.asce_7(0.9, 0.6)
+    >>> jp.ground.PeriodRange.asce_7(0.9, 0.6)
     PeriodRange(low=0.12, high=1.8)
-    >>> jp.PeriodRange.en_1998(1.0)
+    >>> jp.ground.PeriodRange.en_1998(1.0)
     PeriodRange(low=0.2, high=2.0)
     """
 
@@ -115,7 +115,7 @@ class TargetSpectrum(Shown):
 
     Examples
     --------
-    >>> plateau = jp.TargetSpectrum([0.0, 0.1, 0.5, 2.0], [0.4, 1.0, 1.0, 0.25], name="site")
+    >>> plateau = jp.ground.TargetSpectrum([0.0, 0.1, 0.5, 2.0], [0.4, 1.0, 1.0, 0.25], name="site")
     >>> [round(float(x), 3) for x in plateau.at([0.05, 0.3, 1.0])]
     [0.7, 1.0, 0.5]
     """
@@ -152,7 +152,7 @@ class TargetSpectrum(Shown):
 
         Examples
         --------
-        >>> target = jp.TargetSpectrum.en_1998(0.25, "C")
+        >>> target = jp.ground.TargetSpectrum.en_1998(0.25, "C")
         >>> [round(float(x), 4) for x in target.at([0.0, 0.2, 0.6, 1.2, 4.0])]
         [0.2875, 0.7188, 0.7188, 0.3594, 0.0539]
         """
@@ -184,7 +184,7 @@ class TargetSpectrum(Shown):
 
         Examples
         --------
-        >>> target = jp.TargetSpectrum.asce_7(s_ds=1.0, s_d1=0.6, t_l=8.0)
+        >>> target = jp.ground.TargetSpectrum.asce_7(s_ds=1.0, s_d1=0.6, t_l=8.0)
         >>> [round(float(x), 4) for x in target.at([0.0, 0.06, 0.12, 0.6, 1.0, 8.0])]
         [0.4, 0.7, 1.0, 1.0, 0.6, 0.075]
         """

@@ -38,10 +38,10 @@ def fit_capacities(
 
     Examples
     --------
-    >>> curve = jp.fit_capacities([0.2, 0.3, 0.45])
+    >>> curve = jp.hazard.fit_capacities([0.2, 0.3, 0.45])
     >>> round(curve.median, 3), round(curve.dispersion, 4)
     (0.3, 0.4055)
-    >>> curve = jp.fit_capacities([0.2, 0.3, np.inf], analysed=0.4)
+    >>> curve = jp.hazard.fit_capacities([0.2, 0.3, np.inf], analysed=0.4)
     >>> round(curve.median, 3), round(curve.dispersion, 3)
     (0.313, 0.402)
     """

@@ -137,7 +137,7 @@ def fit_cloud(
     Examples
     --------
     >>> im, gaps = [0.1, 0.2, 0.4, 0.8], [0.01, 0.03, 0.05, 0.12]
-    >>> cloud = jp.fit_cloud(im, gaps)
+    >>> cloud = jp.hazard.fit_cloud(im, gaps)
     >>> round(cloud.slope, 3), round(cloud.dispersion, 3)
     (1.149, 0.17)
     >>> curve = cloud.fragility(threshold=0.05)

@@ -19,7 +19,7 @@ from .initial import InitialState as InitialState
 from .isolation import FrictionPendulum as FrictionPendulum
 from .isolation import LeadRubber as LeadRubber
 from .isolation import MoatWall as MoatWall
-from .isolation import isolated as isolated
+from .isolation import on_bearings as on_bearings
 from .rod import ZenerRod as ZenerRod
 from .row import FloorLink as FloorLink
 from .row import Row as Row

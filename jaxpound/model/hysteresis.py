@@ -44,7 +44,7 @@ class HysteresisLaw(Protocol[State]):
     --------
     The page on extending has a user-defined law. Those of the library:
 
-    >>> all(isinstance(law(0.1), jp.HysteresisLaw) for law in (jp.Bilinear, jp.BoucWen))
+    >>> all(isinstance(law(0.1), jp.model.HysteresisLaw) for law in (jp.Bilinear, jp.BoucWen))
     True
     """
 
@@ -288,7 +288,8 @@ class YieldingZener:
     Examples
     --------
     >>> steel = jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05)
-    >>> material = jp.YieldingZener(steel, jp.Bilinear(yield_displacement=0.1, hardening=0.03))
+    >>> law = jp.Bilinear(yield_displacement=0.1, hardening=0.03)
+    >>> material = jp.model.YieldingZener(steel, law)
     >>> storeys = jp.Storeys(masses=(1.0, 1.0), rods=jp.Rod(material, stiffness=5.0))
     """
 

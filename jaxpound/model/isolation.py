@@ -185,7 +185,7 @@ class MoatWall:
         return FloorLink(building, 0, next_building=GROUND, **between)
 
 
-def isolated(
+def on_bearings(
     building: Building | ShearBuilding,
     bearing: FrictionPendulum | LeadRubber,
     base_mass: Any,
@@ -223,14 +223,14 @@ def isolated(
 
     >>> frame = jp.ShearBuilding.from_period(4, 300e3, period=0.5, damping_ratio=0.03)
     >>> law = jp.KelvinVoigt(stiffness=2e9, restitution=0.7)
-    >>> base, links = jp.isolated(
+    >>> base, links = jp.on_bearings(
     ...     frame, jp.FrictionPendulum(2.24, 0.06), 350e3, wall=jp.MoatWall(0.3, law)
     ... )
     >>> hospital = jp.Buildings((base,), links)
     >>> [f"{link.side}: {link.gap} m" for link in hospital.links]
     ['right: 0.3 m', 'left: 0.3 m']
     """
-    owner = "isolated"
+    owner = "on_bearings"
     instance(owner, "building", building, ShearBuilding, Building)
     instance(owner, "bearing", bearing, FrictionPendulum, LeadRubber)
     instance(owner, "wall", wall, MoatWall, NoneType)

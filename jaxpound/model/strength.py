@@ -31,7 +31,7 @@ def base_shear_coefficient(spectral_acceleration: Any, ductility_class: str) -> 
 
     Examples
     --------
-    >>> round(jp.base_shear_coefficient(0.6, "DCM"), 4)
+    >>> round(jp.model.base_shear_coefficient(0.6, "DCM"), 4)
     0.1538
     """
     owner = "base_shear_coefficient"

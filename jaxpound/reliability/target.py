@@ -42,7 +42,7 @@ class TargetStep(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Reached(Shown):
+class TargetResult(Shown):
     """A parameter at which an event has a target probability; made by ``reach_probability``."""
 
     path: str
@@ -91,7 +91,7 @@ def reach_probability(
     start: RareEvent | None = None,
     store: str | PathLike[str] | None = None,
     progress: bool = True,
-) -> Reached:
+) -> TargetResult:
     """The value of one parameter at which a rare event has a target probability.
 
     Newton's method on ln P, which is nearly linear in a damper's friction or in a gap: each step
@@ -161,7 +161,9 @@ def reach_probability(
         raise InvalidInput(OWNER, "probability", f"{probability:g}", rule)
     error = abs(event.cov / slope.value) if slope.value else math.inf
     structures, target = put(nominal, {path: value}), float(probability)
-    return Reached(path, value, error, target, event, structures, tuple(steps), runs, gradients)
+    return TargetResult(
+        path, value, error, target, event, structures, tuple(steps), runs, gradients
+    )
 
 
 def _within(steps: list[TargetStep], new: float, low: float, high: float, target: float) -> float:

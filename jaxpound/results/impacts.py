@@ -65,7 +65,7 @@ class ImpactSeries:
         ]
 
 
-class Phase(NamedTuple):
+class FrictionPhase(NamedTuple):
     """An interval of 'stick', 'slip right' (x1' > x2') or 'slip left', and its ends."""
 
     kind: str
@@ -79,17 +79,17 @@ class Phase(NamedTuple):
     where they are after the impacts that ``impacts`` lists, or were from the start."""
 
 
-def phases_of(link: LinkResponse, time: Any) -> list[Phase]:
+def phases_of(link: LinkResponse, time: Any) -> list[FrictionPhase]:
     """Intervals of stick and slip in order, of a single valid run with these instants."""
     time, phase = np.asarray(time), np.asarray(link.phase)
     changes = np.flatnonzero(np.diff(phase)) + 1
     instants = np.clip(np.asarray(link.change_time)[changes], time[0], time[-1])
     bounds = [float(time[0]), *instants.tolist(), float(time[-1])]
     kinds = {0: "stick", 1: "slip right", -1: "slip left"}
-    contacts, phases = _contacts(link, time), list[Phase]()
+    contacts, phases = _contacts(link, time), list[FrictionPhase]()
     directions = phase[[0, *changes]].tolist()
     for direction, ends in zip(directions, itertools.pairwise(bounds), strict=True):
-        phases += _split(Phase(kinds[direction], *ends), contacts)
+        phases += _split(FrictionPhase(kinds[direction], *ends), contacts)
     return phases
 
 
@@ -109,14 +109,14 @@ def _contacts(link: LinkResponse, time: np.ndarray) -> list[tuple[float, float]]
     return [*contacts, *zip(ends[first, 0].tolist(), ends[after - 1, 1].tolist(), strict=True)]
 
 
-def _split(phase: Phase, contacts: list[tuple[float, float]]) -> list[Phase]:
+def _split(phase: FrictionPhase, contacts: list[tuple[float, float]]) -> list[FrictionPhase]:
     """A phase cut where contact begins and ends."""
     cuts = {t for contact in contacts for t in contact if phase.start < t < phase.end}
-    parts: list[Phase] = []
+    parts: list[FrictionPhase] = []
     for start, end in itertools.pairwise([phase.start, *sorted(cuts), phase.end]):
         touching = any(a <= (start + end) / 2 < b for a, b in contacts)
         if parts and parts[-1].contact == touching:
             parts[-1] = parts[-1]._replace(end=end)
         else:
-            parts.append(Phase(phase.kind, start, end, touching))
+            parts.append(FrictionPhase(phase.kind, start, end, touching))
     return parts

@@ -22,7 +22,7 @@ from jaxpound.quantities import column, unit
 from jaxpound.results import elements
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import ByElement, Columnar, are_concrete, kind_in
-from jaxpound.results.impacts import Impact, ImpactSeries, Phase, phases_of
+from jaxpound.results.impacts import FrictionPhase, Impact, ImpactSeries, phases_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -249,7 +249,7 @@ class Response(ByElement, Columnar, Shown):
                 impacts += series.entries(k, places[k])
         return sorted(impacts, key=lambda impact: impact.time)
 
-    def phases(self, link: int = 0) -> list[Phase]:
+    def phases(self, link: int = 0) -> list[FrictionPhase]:
         """Intervals of stick and slip of a link in order, with ends resolved within the steps.
 
         A ``ValueError`` for a batch, an invalid run, and a link that does not exist.

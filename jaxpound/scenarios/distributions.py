@@ -117,7 +117,7 @@ class TwoSided(Checked):
 
     Examples
     --------
-    >>> amplitude = jp.TwoSided(jp.LogNormal(median=0.1, sigma=0.5))
+    >>> amplitude = jp.scenarios.TwoSided(jp.LogNormal(median=0.1, sigma=0.5))
     >>> [round(float(amplitude.from_normal(z)), 4) for z in (-0.6745, 0.6745, 2.0)]
     [-0.1, 0.1, 0.2328]
     """

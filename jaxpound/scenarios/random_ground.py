@@ -57,7 +57,8 @@ class RandomRicker(Checked, GroundDraw):
     >>> jumping = jp.RandomRicker(5, jp.LogNormal(0.1, 0.5), periods, arrivals)
     >>> jumping.dimension, jumping.discrete
     (20, (15, 16, 17, 18, 19))
-    >>> smooth = jp.RandomRicker(5, jp.TwoSided(jp.LogNormal(0.1, 0.5)), periods, arrivals)
+    >>> amplitudes = jp.scenarios.TwoSided(jp.LogNormal(0.1, 0.5))
+    >>> smooth = jp.RandomRicker(5, amplitudes, periods, arrivals)
     >>> smooth.dimension, smooth.discrete
     (15, ())
     """
@@ -191,8 +192,8 @@ class RandomPulse(GroundDraw):
 
     Examples
     --------
-    >>> pulse = jp.RandomPulse(
-    ...     amplitude=jp.TwoSided(jp.LogNormal(median=0.5, sigma=0.4)),
+    >>> pulse = jp.scenarios.RandomPulse(
+    ...     amplitude=jp.scenarios.TwoSided(jp.LogNormal(median=0.5, sigma=0.4)),
     ...     period=jp.LogNormal(median=3.0, sigma=0.3),
     ...     arrival=5.0,
     ...     phase=jp.Uniform(0.0, np.pi),

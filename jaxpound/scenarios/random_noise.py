@@ -102,8 +102,8 @@ class FilteredNoise(NoiseDraw):
     --------
     White noise of 0.01 m²/s³ through firm soil, whose record ends at rest:
 
-    >>> soil = jp.CloughPenzien(15.6, 0.6, high_pass=1.5)
-    >>> envelope = jp.PlateauEnvelope(rise=2.0, end=10.0, decay=0.5)
+    >>> soil = jp.ground.CloughPenzien(15.6, 0.6, high_pass=1.5)
+    >>> envelope = jp.ground.PlateauEnvelope(rise=2.0, end=10.0, decay=0.5)
     >>> density = 0.01 / jp.STANDARD_GRAVITY**2
     >>> noise = jp.FilteredNoise(
     ...     soil, 1500, 0.02, envelope, time_unit="s", spectral_density=density, high_pass=0.1
@@ -186,7 +186,7 @@ class NonstationaryNoise(NoiseDraw):
     Examples
     --------
     >>> times = {"duration": 12.0, "mid_time": 8.0, "samples": 1500, "dt": 0.02}
-    >>> noise = jp.NonstationaryNoise(
+    >>> noise = jp.scenarios.NonstationaryNoise(
     ...     arias_intensity=0.05, frequency=5.0, frequency_slope=-0.1, damping=0.2, **times
     ... )
     >>> noise.draw(np.zeros(1500)).time_unit  # scales.to_dimensionless(noise) for scenarios

@@ -85,7 +85,8 @@ class SiteBasedNoise(NoiseDraw):
 
     Examples
     --------
-    >>> noise = jp.SiteBasedNoise(6.6, 20.0, vs30=600.0, fault="reverse", samples=1000, dt=0.02)
+    >>> site = {"vs30": 600.0, "fault": "reverse"}
+    >>> noise = jp.scenarios.SiteBasedNoise(6.6, 20.0, **site, samples=1000, dt=0.02)
     >>> drawn = noise.parameters(np.zeros(noise.dimension))
     >>> round(float(drawn["duration"]), 2), round(float(drawn["frequency"]), 2)  # s, Hz
     (10.02, 6.29)

@@ -1,5 +1,5 @@
-from .divergence import Growth as Growth
-from .divergence import growth as growth
+from .divergence import PerturbationGrowth as PerturbationGrowth
+from .divergence import perturbation_growth as perturbation_growth
 from .fragility import Fragility as Fragility
 from .fragility import fit_fragility as fit_fragility
 from .gaps import asce_7_gap as asce_7_gap

@@ -21,7 +21,7 @@ from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single
 
 
 @pytree_dataclass
-class Growth:
+class PerturbationGrowth:
     """Factor by which a run magnifies a small change of its gaps; dimensionless, as the run."""
 
     time: Any = quantity("time")
@@ -55,9 +55,9 @@ class Growth:
         return jnp.where(lost.any(-1), first, jnp.inf)
 
 
-def growth(
+def perturbation_growth(
     structures: Structures, ground: GroundLike, grid: TimeGrid, scheme: Scheme = Scheme()
-) -> Growth:
+) -> PerturbationGrowth:
     """Factor by which a run with impacts magnifies a small change of its gaps, at every instant.
 
     The factor is the largest singular value of the derivative of the state, that is the
@@ -77,25 +77,27 @@ def growth(
     Examples
     --------
     >>> import jax
+    >>> grid = jp.TimeGrid.until(8.0, dt=0.05)
     >>> def end(gap):  # under jit only what it needs is compiled
     ...     structures = replace(jp.paper.structures(), initial_gap=gap, contact=jp.Newton(0.65))
-    ...     return jp.growth(structures, jp.paper.ground(), jp.TimeGrid.until(8.0, dt=0.05)).end
+    ...     return jp.perturbation_growth(structures, jp.paper.ground(), grid).end
     >>> round(float(jax.jit(end)(0.3)), 2)
     1.49
     """
-    system = single_system("growth", structures)
+    owner = "perturbation_growth"
+    system = single_system(owner, structures)
     touching = [k for k, link in enumerate(system.links) if link.contact is not None]
     if not touching:
-        raise InvalidInput("growth", "structures", "", "must have a link with a law of contact")
-    instance("growth", "grid", grid, TimeGrid)
-    instance("growth", "scheme", scheme, Scheme)
+        raise InvalidInput(owner, "structures", "", "must have a link with a law of contact")
+    instance(owner, "grid", grid, TimeGrid)
+    instance(owner, "scheme", scheme, Scheme)
     # The run, whose gaps are traced, cannot check it.
     require_stable(structures, scheme, grid.dt)
     ground_motion = as_run(ground, scheme.finest(grid), gravity_of(structures))
     if in_si(structures):  # the system below knows no unit of time
         ground_motion = sampled(ground_motion, scheme.finest(grid))
     if not is_traced((system, ground_motion)):
-        warn("growth", imprecise(system, grid, ground_motion), strict=False)
+        warn(owner, imprecise(system, grid, ground_motion), strict=False)
     paths = [f"links.{k}.gap" for k in touching]
 
     def state(gaps: list[Any]) -> Any:
@@ -107,4 +109,4 @@ def growth(
     gaps = [parameters.get(system, path) for path in paths]
     columns, (time, values) = jax.jacfwd(state, has_aux=True)(gaps)
     factor = jnp.linalg.norm(jnp.stack(columns, -1), ord=2, axis=(-2, -1))
-    return Growth(time, factor, lax.cummax(jnp.linalg.norm(values, axis=-1)))
+    return PerturbationGrowth(time, factor, lax.cummax(jnp.linalg.norm(values, axis=-1)))

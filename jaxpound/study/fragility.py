@@ -34,7 +34,7 @@ class Fragility(Shown):
 
     Examples
     --------
-    >>> curve = jp.Fragility(median=0.6, dispersion=0.4)
+    >>> curve = jp.study.Fragility(median=0.6, dispersion=0.4)
     >>> round(float(curve.probability(0.4)), 3)
     0.155
     >>> hazard = jp.HazardCurve([0.1, 1.0], [1e-2, 1e-5])

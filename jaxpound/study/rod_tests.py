@@ -56,7 +56,7 @@ def rod_force(
     Examples
     --------
     >>> rod = jp.ZenerRod(order=0.23, tau_f=0.004, tau_x=1.183)
-    >>> force = jp.rod_force(rod, [0.0, 0.1, 0.2, 0.3, 0.4], dt=0.1)
+    >>> force = jp.study.rod_force(rod, [0.0, 0.1, 0.2, 0.3, 0.4], dt=0.1)
     >>> [round(float(f), 3) for f in force]
     [0.0, 0.325, 0.569, 0.804, 1.028]
     """

@@ -43,7 +43,7 @@ def test_chunks_give_what_one_batch_gives():
         return {"sum": amplitude + friction, "both": jnp.stack([amplitude, 2 * friction])}
 
     for function, chunk_size in (*((sums, size) for size in (1, 3, 7, 50, None)), (gaps, 3)):
-        both = jax.vmap(function)(*batch(7)), jp.in_chunks(function, chunk_size)(*batch(7))
+        both = jax.vmap(function)(*batch(7)), jp.runtime.in_chunks(function, chunk_size)(*batch(7))
         for leaf, part in zip(*map(jax.tree.leaves, both), strict=True):
             assert isinstance(part, np.ndarray)
             np.testing.assert_allclose(part, leaf, rtol=1e-12, atol=1e-14)
@@ -54,7 +54,7 @@ def test_chunks_give_what_one_batch_gives():
 
     keys = jax.random.split(jax.random.key(1), 5)
     slopes = jax.jit(jax.vmap(slope))(keys)
-    np.testing.assert_allclose(jp.in_chunks(slope, 2)(keys), slopes, rtol=1e-10)
+    np.testing.assert_allclose(jp.runtime.in_chunks(slope, 2)(keys), slopes, rtol=1e-10)
 
 
 def test_batches_of_nearly_as_many_runs_share_a_program():
@@ -64,7 +64,7 @@ def test_batches_of_nearly_as_many_runs_share_a_program():
         compiled.append(a)
         return jnp.sqrt(a) + jnp.sin(a) / 3
 
-    run, a = jp.in_chunks(wave, 64), np.linspace(0.1, 1.0, 200)
+    run, a = jp.runtime.in_chunks(wave, 64), np.linspace(0.1, 1.0, 200)
     for programs, sizes in ((1, (5, 6, 7, 8)), (2, (9, 14, 16)), (3, (40, 63, 64, 65, 200))):
         results = [run(a[:n]) for n in sizes]
         assert len(compiled) == programs
@@ -80,7 +80,7 @@ def test_batches_of_nearly_as_many_runs_share_a_program():
 
     for n, most in ((512, 480), (481, 480), (1000, 96), (96, 96), (33, 480)):
         seen.clear()
-        assert (jp.in_chunks(twice, most)(np.arange(n)) == 2 * np.arange(n)).all()
+        assert (jp.runtime.in_chunks(twice, most)(np.arange(n)) == 2 * np.arange(n)).all()
         jax.effects_barrier()
         assert len(seen) <= max(1.15 * n, 64)
 
@@ -91,25 +91,25 @@ KEYS = "results of type key<fry> must be numbers"
 OUTSIDE = "in_chunks runs outside jit, vmap and grad"
 test_what_makes_no_batch_of_chunks_on_cores_is_refused = pytest.mark.unchecked(
     refusals(
-        *((jp.in_chunks, gaps, size, CHUNK_SIZE) for size in (0, -3, 2.5, True, "many")),
+        *((jp.runtime.in_chunks, gaps, size, CHUNK_SIZE) for size in (0, -3, 2.5, True, "many")),
         *(
-            (jp.in_chunks(gaps, 2), *arguments, "the same number of runs, at least 1")
+            (jp.runtime.in_chunks(gaps, 2), *arguments, "the same number of runs, at least 1")
             for arguments in ((), (1.0,), (np.ones(3), np.ones(4)), (np.ones(0), np.ones(0)))
         ),
-        *((jp.use_cores, n, CORES) for n in (0, -1, 1.5, True)),
-        (lambda: jax.jit(jp.in_chunks(lambda x: 2 * x))(jnp.ones(3)), OUTSIDE),
-        (jax.grad(lambda y: jp.in_chunks(lambda x: x * y)(np.ones(3)).sum()), 2.0, OUTSIDE),
-        (jp.in_chunks(lambda x: jax.random.key(0)), np.ones(3), KEYS),
-        (jp.in_chunks, 3, "in_chunks: function = 3 must be a function"),
+        *((jp.runtime.use_cores, n, CORES) for n in (0, -1, 1.5, True)),
+        (lambda: jax.jit(jp.runtime.in_chunks(lambda x: 2 * x))(jnp.ones(3)), OUTSIDE),
+        (jax.grad(lambda y: jp.runtime.in_chunks(lambda x: x * y)(np.ones(3)).sum()), 2.0, OUTSIDE),
+        (jp.runtime.in_chunks(lambda x: jax.random.key(0)), np.ones(3), KEYS),
+        (jp.runtime.in_chunks, 3, "in_chunks: function = 3 must be a function"),
     )
 )
 
 
 def test_cores_cannot_change_once_jax_has_started():
     jnp.zeros(1).block_until_ready()
-    assert jp.use_cores(len(jax.devices("cpu"))) == len(jax.devices("cpu"))
+    assert jp.runtime.use_cores(len(jax.devices("cpu"))) == len(jax.devices("cpu"))
     with pytest.raises(RuntimeError, match="use_cores: n = 77 must be set before JAX computes"):
-        jp.use_cores(77)
+        jp.runtime.use_cores(77)
 
 
 def test_a_larger_number_of_threads_of_the_user_s_own_is_kept(monkeypatch):
@@ -117,7 +117,7 @@ def test_a_larger_number_of_threads_of_the_user_s_own_is_kept(monkeypatch):
     needs_none = jax.__version_info__ >= (0, 12)
     for own, is_enough in (("1000", True), ("1", False), ("many", False)):
         monkeypatch.setenv("PJRT_NPROC", own)
-        jp.use_cores(1)
+        jp.runtime.use_cores(1)
         assert (os.environ["PJRT_NPROC"] == own) is (is_enough or needs_none)
 
 
@@ -125,7 +125,7 @@ SHARDED = """
 import sys
 import jax, jaxpound as jp, numpy as np
 jax.config.update("jax_enable_x64", True)
-assert jp.use_cores(2) == 2
+assert jp.runtime.use_cores(2) == 2
 from jaxpound._xla import plan; plan.choose(plan.looped)
 from jax.sharding import Mesh, PartitionSpec as P
 from tests._xla.test_batches import batch, gaps, impulses, min_gap
@@ -141,7 +141,7 @@ def average(a, mu, more): return jax.vmap(lambda a, mu: min_gap(a, mu + more))(a
 results["slope"] = 64 * np.array(slopes)
 rows = jax.vmap(lambda a: jax.vmap(lambda mu: min_gap(a, mu))(batch(3)[1]))
 results["table"] = jax.jit(rows)(batch(32)[0])
-results["chunks"] = jp.in_chunks(min_gap, 16)(*batch(39))
+results["chunks"] = jp.runtime.in_chunks(min_gap, 16)(*batch(39))
 # Inside a sharding of the caller's own nothing is spread again.
 mesh = Mesh(np.array(jax.devices()), ("mine",))
 def inside(f): return jax.jit(jax.shard_map(f, mesh=mesh, in_specs=P("mine"), out_specs=P("mine")))
@@ -154,7 +154,7 @@ results["struck_own"] = inside(jax.vmap(impulses))(*arrays)
 odd = jax.jit(jax.vmap(impulses)).lower(*batch(65))
 assert "manual_computation" not in odd.as_text()
 results["struck_odd"] = odd.compile()(*batch(65))
-results["struck_chunks"] = jp.in_chunks(impulses, 64)(*arrays)
+results["struck_chunks"] = jp.runtime.in_chunks(impulses, 64)(*arrays)
 def struck_mean(more): return jax.vmap(lambda a, mu: impulses(a, mu + more))(*arrays).mean()
 results["struck_slope"] = jax.jit(jax.grad(struck_mean))(0.0)
 # Of the derivative JAX itself says whether it differs from device to device as the run does.
@@ -193,7 +193,7 @@ def test_a_batch_over_two_devices_is_the_batch_on_one(tmp_path):
 
 IN_FLIGHT = """
 import jax, jaxpound as jp, numpy as np
-cores = jp.use_cores()
+cores = jp.runtime.use_cores()
 grid, structures = jp.TimeGrid(0.02, 400), jp.paper.structures()
 def min_gap(a): return jp.demand(structures, jp.Ricker(a, [1.25, 2.0], [1.5, 2.5]), grid).min_gap
 mean = jax.jit(lambda a: jax.vmap(min_gap)(a).mean())

@@ -48,16 +48,16 @@ def compile_anew():
 
 
 def test_an_entry_serves_the_next_process(tmp_path):
-    jp.keep_programs(tmp_path)
+    jp.runtime.keep_programs(tmp_path)
     (path,) = (whole := compile_anew())
     before = path.stat().st_mtime_ns
-    jp.keep_programs(tmp_path)
+    jp.runtime.keep_programs(tmp_path)
     assert compile_anew() == whole
     assert path.stat().st_mtime_ns == before
 
 
 def test_only_entries_are_removed_and_those_first_that_were_used_longest_ago(tmp_path, monkeypatch):
-    folder = jp.keep_programs(tmp_path)
+    folder = jp.runtime.keep_programs(tmp_path)
     (entry,) = compile_anew().values()
     for path in folder.glob("*-cache"):
         path.unlink()
@@ -68,7 +68,7 @@ def test_only_entries_are_removed_and_those_first_that_were_used_longest_ago(tmp
         os.utime(path, (1e9 + k, 1e9 + k))
     mine = {path: path.read_bytes() for path in others}
     monkeypatch.setattr(programs, "_LARGEST", 2 * len(entry))
-    jp.keep_programs(tmp_path)
+    jp.runtime.keep_programs(tmp_path)
     assert {path: path.read_bytes() for path in others} == mine
     assert [name for name in names if (folder / name).exists()] == names[2:]
 
@@ -77,7 +77,7 @@ def test_only_entries_are_removed_and_those_first_that_were_used_longest_ago(tmp
 def test_the_folder_is_made_for_its_owner_alone(tmp_path):
     before = os.umask(0)
     try:
-        folder = jp.keep_programs(tmp_path / "caches")
+        folder = jp.runtime.keep_programs(tmp_path / "caches")
     finally:
         os.umask(before)
     assert folder == tmp_path / "caches" / "jaxpound" / "programs"
@@ -89,7 +89,7 @@ def refused(folder):
     """What the warning names; nothing is kept."""
     rule = "must be a folder of yours that nobody else may write to: what is in it is executed"
     with pytest.warns(UserWarning, match=f"^keep_programs: .* {rule}; .*; .* not kept$") as caught:
-        assert jp.keep_programs(folder) is None
+        assert jp.runtime.keep_programs(folder) is None
     assert jax.config.jax_compilation_cache_dir is None
     words = str(caught[0].message).split()
     path = Path(words[1])
@@ -115,19 +115,19 @@ def test_a_folder_below_one_for_all_is_refused_unless_sticky_and_a_link_in_its_p
     caches.mkdir(parents=True)
     caches.parents[1].chmod(0o777)
     with pytest.warns(UserWarning, match="run chmod go-w '.*/of all'; compiled programs are not"):
-        assert jp.keep_programs(caches) is None
+        assert jp.runtime.keep_programs(caches) is None
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "jaxpound").symlink_to(tmp_path / "elsewhere")
     assert refused(tmp_path) == tmp_path / "jaxpound"
     caches.parents[1].chmod(0o1777)
-    assert jp.keep_programs(caches) == caches / "jaxpound" / "programs"
+    assert jp.runtime.keep_programs(caches) == caches / "jaxpound" / "programs"
 
 
 @posix
 def test_folders_of_others_in_a_folder_for_all_are_refused(tmp_path, monkeypatch):
     """As ``/tmp``, where everybody may make folders, and nobody replaces those of others."""
     tmp_path.chmod(0o1777)
-    folder = jp.keep_programs(tmp_path)
+    folder = jp.runtime.keep_programs(tmp_path)
     assert folder is not None
     jax.config.update("jax_compilation_cache_dir", None)
     user = os.getuid()
@@ -138,17 +138,17 @@ def test_folders_of_others_in_a_folder_for_all_are_refused(tmp_path, monkeypatch
 def test_the_environment_names_the_folder_and_without_one_nothing_is_kept(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     with pytest.warns(UserWarning, match=r"keep_programs: .*file.*; compiled programs are not kep"):
-        assert jp.keep_programs(tmp_path / "file") is None
+        assert jp.runtime.keep_programs(tmp_path / "file") is None
     for caches in (tmp_path / "file", Path("~no-such-user")):  # of a user without a home
         monkeypatch.setattr(programs, "user_cache_path", lambda caches=caches: caches)
-        assert jp.keep_programs() is None
+        assert jp.runtime.keep_programs() is None
     monkeypatch.setenv("JAXPOUND_CACHE", "off")
-    assert jp.keep_programs() is None
+    assert jp.runtime.keep_programs() is None
     monkeypatch.setenv("JAXPOUND_CACHE", str(tmp_path))
     folder = tmp_path / "jaxpound" / "programs"
-    assert jp.keep_programs() == folder
+    assert jp.runtime.keep_programs() == folder
     monkeypatch.setenv("JAXPOUND_CACHE", str(tmp_path / "other"))
-    assert jp.keep_programs() == folder  # JAX's own, by now
+    assert jp.runtime.keep_programs() == folder  # JAX's own, by now
 
 
 @posix
@@ -191,7 +191,7 @@ def test_a_wait_is_noted_once_over_its_phases_and_a_short_one_is_not(monkeypatch
             phase(name, seconds)
         (line,) = notes()
         assert line.startswith("jaxpound: tracing and compiling a program, for 0.2 s so far; later")
-        assert line.endswith("reuse it, and later processes after jaxpound.keep_programs()")
+        assert line.endswith("reuse it, and later processes after jaxpound.runtime.keep_programs()")
         caplog.clear()
         time.sleep(0.15)
     slow = jax.jit(lambda x: reduce(lambda x, k: jax.lax.sort(jnp.sin(x * k)), range(60), x))
@@ -230,8 +230,8 @@ assert ("xla_cpu_small_call" in program) == {kernels}
 
 LOOP_KERNELS = """
 devices = jax.config.jax_num_cpu_devices
-jp.use_loop_kernels()
-jp.use_loop_kernels()  # once is enough
+jp.runtime.use_loop_kernels()
+jp.runtime.use_loop_kernels()  # once is enough
 assert os.environ["XLA_FLAGS"].startswith("--xla_cpu_enable_fast_math=false ")
 assert os.environ["XLA_FLAGS"].count("small_while_loop") == 1
 assert jax.config.jax_num_cpu_devices == devices
@@ -245,7 +245,7 @@ def test_a_loop_is_one_kernel_if_it_is_asked_for_before_jax_starts(monkeypatch):
     subprocess.run([sys.executable, "-c", program], check=True)
     jnp.zeros(1).block_until_ready()
     with pytest.raises(RuntimeError, match="use_loop_kernels must be called before JAX computes"):
-        jp.use_loop_kernels()
+        jp.runtime.use_loop_kernels()
 
 
 def test_newer_versions_of_jax_make_kernels_by_themselves(monkeypatch):
@@ -255,5 +255,5 @@ def test_newer_versions_of_jax_make_kernels_by_themselves(monkeypatch):
     subprocess.run([sys.executable, "-c", program], check=True)
     jnp.zeros(1).block_until_ready()
     monkeypatch.setattr(jax, "__version_info__", (0, 12, 0))
-    jp.use_loop_kernels()
+    jp.runtime.use_loop_kernels()
     assert "small_while_loop" not in os.environ.get("XLA_FLAGS", "")

@@ -31,18 +31,18 @@ def read(path, records=()):
 def test_the_example_and_goals_in_words_of_the_library(write):
     given, wanted = read(None)
     assert wanted.space.names == ("links.0.friction",)
-    assert wanted.space.variables["links.0.friction"] == jp.Bounds(0.0, 5 * 200e3)
-    limits = {"peak_f1": jp.Limit(1.9e6, "mean"), "damper_force": jp.Limit(800e3)}
+    assert wanted.space.variables["links.0.friction"] == jp.design.Bounds(0.0, 5 * 200e3)
+    limits = {"peak_f1": jp.design.Limit(1.9e6, "mean"), "damper_force": jp.design.Limit(800e3)}
     assert wanted.objective == jp.Objective(limits=limits)
     assert (len(wanted.ensemble), given.search.fresh) == (256, 1000)
     assert given.search.options() == {"starts": 4, "iterations": 100, "key": 0}
     least = '"least demand" & demand = "peak_x1" & # over -> over = 0.1'
     for changes, goal in (
-        ('"worst gap"', jp.WorstGap()),
-        ('"CVaR" & share = 0.2', jp.CVaR(0.2)),
-        ('"soft minimum" & temperature = 0.02', jp.SoftMinimum(0.02)),
+        ('"worst gap"', jp.design.WorstGap()),
+        ('"CVaR" & share = 0.2', jp.design.CVaR(0.2)),
+        ('"soft minimum" & temperature = 0.02', jp.design.SoftMinimum(0.02)),
         ('"pounding probability"', jp.PoundingProbability()),
-        (least, jp.LeastDemand("peak_x1", 0.1)),
+        (least, jp.design.LeastDemand("peak_x1", 0.1)),
     ):
         assert read(write(f"{SMALL} & goal = {changes}"))[1].objective.goal == goal
 
@@ -171,13 +171,16 @@ def test_a_design_with_contact(write):
     given, wanted = read(write(f"{SMALL} & {WITH_CONTACT}"))
     space, objective = wanted.space, wanted.objective
     assert float(space.nominal.links[0].contact.stiffness) == 8e8
-    assert space.variables["links.0.contact.stiffness"] == jp.Bounds(4e8, 16e8, "log")
-    limits = {"peak_contact": jp.Limit(2e7, "mean"), "peak_impulse": jp.Limit(1e6)}
-    assert objective.limits == limits | {"contact_work": jp.Limit(2e5, 0.1)}
-    assert objective.goal == jp.GapAtRest()
+    assert space.variables["links.0.contact.stiffness"] == jp.design.Bounds(4e8, 16e8, "log")
+    limits = {"peak_contact": jp.design.Limit(2e7, "mean"), "peak_impulse": jp.design.Limit(1e6)}
+    assert objective.limits == limits | {"contact_work": jp.design.Limit(2e5, 0.1)}
+    assert objective.goal == jp.design.GapAtRest()
     rest = space.nominal.links[0].gap
-    assert (float(rest), space.variables["links.0.gap"]) == (0.10, jp.Bounds(0.2 * rest, 3 * rest))
-    assert objective.penalties == {"soft_peak_contact": jp.Penalty(1e-6, "mean")}
+    assert (float(rest), space.variables["links.0.gap"]) == (
+        0.10,
+        jp.design.Bounds(0.2 * rest, 3 * rest),
+    )
+    assert objective.penalties == {"soft_peak_contact": jp.design.Penalty(1e-6, "mean")}
     shares = space.shares(space.nominal)
     shares[space.names.index("links.0.contact.stiffness")] = 0.0
     shares[space.names.index("links.0.gap")] = 1.0

@@ -31,7 +31,7 @@ def test_the_example_of_a_record_is_a_motion_of_the_library_s_noise(tmp_path, ca
         cli.main(["simulate", "--example-record"])
     path = tmp_path / "quake.at2"
     path.write_text(capsys.readouterr().out)
-    noise = jp.SiteBasedNoise(6.5, 10.0, 400.0, "strike-slip", samples=1250, dt=0.02)
+    noise = jp.scenarios.SiteBasedNoise(6.5, 10.0, 400.0, "strike-slip", samples=1250, dt=0.02)
     z = np.zeros(noise.dimension)
     z[6:] = np.random.default_rng(4).standard_normal(len(z) - 6)
     record = jp.read_record(path)

@@ -38,7 +38,7 @@ def done(folder):
 def test_the_capacities_are_the_library_s_and_all_is_written(done, folder):
     screen, out = done
     pair = example_pair(friction_force=0.0, gap=0.02)
-    target = jp.TargetSpectrum([0.0, 0.1, 0.5, 4.0], [0.3, 0.75, 0.75, 0.09375])
+    target = jp.ground.TargetSpectrum([0.0, 0.1, 0.5, 4.0], [0.3, 0.75, 0.75, 0.09375])
     scaled = jp.read_suite(folder / "records").scaled_to(target, (0.2, 2.0), (0.1, 3.0))
     grid = jp.TimeGrid.until(6.0, 0.01 / np.ceil(0.01 / (0.6 / 50)))
     how = {"intensities": np.array([0.02, 0.1, 0.4]), "measure": 0.9}

@@ -40,7 +40,7 @@ damper = {{law = "power", force = 8e5, exponent = 0.3, stiffness = 2e8}}
 
 
 def isolated(bearing=PENDULUM, frame=FRAME, **options):
-    building, links = jp.isolated(frame, bearing, 3.5e5, **options)
+    building, links = jp.on_bearings(frame, bearing, 3.5e5, **options)
     return building, by_face(links)
 
 

@@ -67,7 +67,7 @@ def test_paper_table_has_the_api_s_numbers_every_phase_change_and_the_paper_s_sc
         assert reference == pytest.approx(time, abs=1e-8)
         assert abs(difference) < 1e-4
     value, reference, difference = row(paper_run[0], "min by the paper's scheme")
-    demand = jp.demand(*CASE, jp.Scheme(jp.Switching(), order=1, start="paper"))
+    demand = jp.demand(*CASE, jp.Scheme(jp.simulation.Switching(), order=1, start="paper"))
     assert value == pytest.approx(float(demand.min_gap) - 1, abs=1e-6)
     assert difference == pytest.approx(paper.PAPER_SCHEME_ERROR, rel=0.02)
     assert value - reference == pytest.approx(difference, rel=0.02)

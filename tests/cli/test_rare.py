@@ -160,8 +160,8 @@ def test_pounding_is_the_closing_of_the_gap(changes, searches, monkeypatch):
 def test_a_row_and_another_demand():
     *_, state = posed(ROW)
     assert state.threshold == 0.04
-    soil = jp.CloughPenzien(5 * np.pi, 0.6, high_pass=np.pi / 2)
-    how = {"envelope": jp.PlateauEnvelope(rise=2.0, end=6.0, decay=0.8), "intensity": 0.1}
+    soil = jp.ground.CloughPenzien(5 * np.pi, 0.6, high_pass=np.pi / 2)
+    how = {"envelope": jp.ground.PlateauEnvelope(rise=2.0, end=6.0, decay=0.8), "intensity": 0.1}
     noise = jp.FilteredNoise(soil, samples=501, dt=0.02, time_unit="s", **how)
     z = jnp.sin(jnp.arange(501.0))
     drawn = state.scenarios.realize(z)[1]

@@ -220,7 +220,7 @@ def test_rods_and_the_scheme_are_read_and_rods_may_rule_the_time_step(write):
     assert float(time[1]) <= limit / 2
     assert read(write())[1].run.scheme == jp.Scheme()
     switching = read(write('friction = "switching" & order = 2 -> order = 1'))[1]
-    assert switching.run.scheme == jp.Scheme(jp.Switching(), 1)
+    assert switching.run.scheme == jp.Scheme(jp.simulation.Switching(), 1)
     _, smoothed = read(write('friction = "smoothed" & smoothing_velocity = 1e-3'))
     assert smoothed.run.scheme == jp.Scheme(jp.Smoothed(1e-3))  # metres a second
 

@@ -106,7 +106,7 @@ def test_braces_alone_have_a_response_to_be_least():
     least = changed(file.text, 'goal = "least demand" & demand = "peak_drift"')
     file = File("row.toml", least)
     posed = design.prepared(file, file.read(design.DesignConfig))
-    assert posed.objective.goal == jp.LeastDemand("peak_drift")
+    assert posed.objective.goal == jp.design.LeastDemand("peak_drift")
     assert posed.space.names == ("links.0.friction", "links.1.friction")
 
 

@@ -15,7 +15,7 @@ from tests.test_tables import assert_shown
 GRID = jp.TimeGrid.until(14.0, 0.05)
 TRUTH, GROUND = jp.paper.structures(), jp.paper.ground()
 VARIABLES = {"friction": (0.05, 1.0), "rod_1.order": (0.05, 0.9)}
-SPACE = jp.DesignSpace(TRUTH, VARIABLES | {"rod_1.tau_x": jp.Bounds(0.2, 10.0, "log")})
+SPACE = jp.DesignSpace(TRUTH, VARIABLES | {"rod_1.tau_x": jp.design.Bounds(0.2, 10.0, "log")})
 VALUES = {"friction": 0.25, "rod_1.order": 0.23, "rod_1.tau_x": 1.183}
 START = {"friction": 0.6, "rod_1.order": 0.5, "rod_1.tau_x": 3.0}
 RUN = jp.simulate(TRUTH, GROUND, GRID)
@@ -118,7 +118,7 @@ CYCLE = np.sin(np.linspace(0, 2 * np.pi, 41))[1:]
 PATH = np.concatenate([[0.0], *(a * CYCLE for a in (0.05, 0.1, 0.2, 0.3))])
 LAW = {"yield_displacement": 0.1, "hardening": 0.05, "exponent": 2.0, "beta": 0.4}
 FORCE = np.asarray(jp.cyclic_test(jp.BoucWen(**LAW), PATH, 5.0, 64).force)[::64]
-BOUNDS = {"yield_displacement": jp.Bounds(0.02, 0.4, "log"), "hardening": (0.0, 0.2)}
+BOUNDS = {"yield_displacement": jp.design.Bounds(0.02, 0.4, "log"), "hardening": (0.0, 0.2)}
 BOUNDS |= {"exponent": (1, 6), "beta": (0, 1)}
 BOUNDS = {f"material.{name}": bounds for name, bounds in BOUNDS.items()} | {"stiffness": (1, 20)}
 YIELDING = jp.System((1.0,), (jp.Rod(jp.BoucWen(0.05, 0.02, 1.5, 0.6), 3.0, (0, jp.GROUND)),))

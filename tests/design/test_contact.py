@@ -41,7 +41,9 @@ def test_the_smallest_gap_within_a_limit_of_the_impulse():
     """Impacts are weaker the larger the gap, so that the limit decides it."""
     limit, amplitudes = 0.2, (0.25, 0.3)
     ensemble = jp.Ensemble.of([wave(a) for a in amplitudes], GRID)
-    objective = jp.Objective(jp.GapAtRest(), limits={"peak_impulse": jp.Limit(limit, "mean")})
+    objective = jp.Objective(
+        jp.design.GapAtRest(), limits={"peak_impulse": jp.design.Limit(limit, "mean")}
+    )
     how = {"starts": 1, "iterations": 40, "polish": False, "fresh": None, "progress": False}
     found = jp.design_damper(CHOSEN_GAP, ensemble, GRID, objective=objective, **how)
     gaps = np.linspace(0.25, 0.4, 31)
@@ -97,7 +99,7 @@ def test_stiffness_and_restitution_from_measured_bounces():
     assert len(impacts) >= 2
     measured = {name: x + noise[name] * random.normal(size=x.size) for name, x in exact.items()}
     measured["impacts.time"][0] = np.nan
-    stiffness = jp.Bounds(50, 800, "log")
+    stiffness = jp.design.Bounds(50, 800, "log")
     bounds = {"contact.stiffness": stiffness, "contact.restitution": (0.3, 1.0)}
     space = jp.DesignSpace(pad, bounds)
     found = jp.calibrate(space, measured, wave(0.3), GRID, noise=noise, start=start, starts=1)

@@ -94,7 +94,7 @@ def test_the_optimum_of_a_bowl(stand_in):
 
 PEAK = {"friction": 0.6, "mass_ratio": 1.5}
 
-WORST = jp.Objective(jp.WorstGap())
+WORST = jp.Objective(jp.design.WorstGap())
 OPTIMA = {
     "line searches": (MEAN, {"optimiser": optax.lbfgs(), "iterations": 12}, PEAK, 1e-6),
     "a penalty": (jp.Objective(penalties={"damper_force": 0.2}), {}, {"friction": 0.5}, 1e-3),
@@ -132,7 +132,7 @@ def test_a_damper_that_practically_never_slips_is_named():
     topology = jp.paper.structures().system().topology
     for slid, hardly_slipping in ((1.8, ("damper",)), (2.2, ())):
         after = columns | {"slip_distance": np.array([0.0, slid])}
-        compared = jp.Comparison(after, after, jp.Objective(), False, topology)
+        compared = jp.design.Comparison(after, after, jp.Objective(), False, topology)
         assert compared.hardly_slipping == hardly_slipping
 
 
@@ -324,7 +324,7 @@ def test_limits_and_penalties_are_in_si_units_too(stand_in):
 
 def test_the_paper_s_case_from_several_starts_to_one_optimum():
     """With a price on base shear; the optimum against a grid of designs, and against SciPy's."""
-    tau_x = jp.Bounds(0.2, 10.0, "log")
+    tau_x = jp.design.Bounds(0.2, 10.0, "log")
     space = jp.DesignSpace(PAPER, {"friction": (0.0, 1.0), "rod_1.tau_x": tau_x})
     objective = jp.Objective(penalties={"peak_f1": 0.6, "damper_force": 0.5})
     grid = jp.TimeGrid.until(14.0, 0.05)

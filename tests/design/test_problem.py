@@ -69,13 +69,16 @@ NO_LINK = dataclasses.replace(SYSTEM, links=()), {"masses.0": (0.5, 1.0)}
 
 @pytest.mark.parametrize(("system", "variables"), [(OPEN, FRICTION), NO_LINK])
 def test_without_a_gap_a_goal_of_gaps_is_refused(system, variables):
-    for goal in (jp.MeanGap(), jp.GapAtRest(), jp.PoundingProbability()):
+    for goal in (jp.MeanGap(), jp.design.GapAtRest(), jp.PoundingProbability()):
         named = rf"goal = {type(goal).__name__}\(.*\) must not be of gaps"
         refused(f"^design_damper: objective: {named}", problem, system, variables, goal=goal)
-    posed = problem(system, variables, goal=jp.LeastDemand("peak_drift"))
+    posed = problem(system, variables, goal=jp.design.LeastDemand("peak_drift"))
     assert posed.columns == posed.limitable
     assert {*jax.eval_shape(posed.demands, system, ENSEMBLE.ground(0))} == {*posed.columns}
-    says, goal = "objective: 'peak_contact' in goal must be one of", jp.LeastDemand("peak_contact")
+    says, goal = (
+        "objective: 'peak_contact' in goal must be one of",
+        jp.design.LeastDemand("peak_contact"),
+    )
     refused(says, problem, system, variables, goal=goal)
 
 

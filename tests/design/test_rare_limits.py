@@ -36,7 +36,9 @@ NEAR = {"friction": 0.3, "initial_gap": 0.2}
 
 def objective(**limit):
     """The narrowest gap; dampers have a price."""
-    return jp.Objective(jp.GapAtRest(), {"damper_force": 0.5}, {"required_gap": jp.Limit(**limit)})
+    return jp.Objective(
+        jp.design.GapAtRest(), {"damper_force": 0.5}, {"required_gap": jp.design.Limit(**limit)}
+    )
 
 
 def designed(goal, space=SPACE, ensemble=ENSEMBLE, grid=GRID, **more):
@@ -57,7 +59,9 @@ def test_the_design_pounds_as_seldom_as_wanted_and_is_an_optimum(narrow):
     assert reached == pytest.approx(SELDOM, rel=0.1)
     random = dataclasses.replace(RODS, nominal=design.structures)
     scenarios = jp.Scenarios(random, jp.CustomDraw(ground, N))
-    run = jp.in_chunks(lambda z: jp.demand(*scenarios.realize(z), GRID, only=["min_gap"]).min_gap)
+    run = jp.runtime.in_chunks(
+        lambda z: jp.demand(*scenarios.realize(z), GRID, only=["min_gap"]).min_gap
+    )
     z = np.random.default_rng(7).normal(size=(60_000, scenarios.dimension))
     share = np.mean(run(z) <= 0)
     assert share == pytest.approx(reached, abs=4 * np.sqrt(share / 60_000) + 0.05 * reached)
@@ -101,8 +105,8 @@ def test_the_least_damper_for_one_in_ten_millions_of_a_gap_in_metres():
     """Known from Newton's method on independent samples: a friction of 0.3075."""
     scales = jp.Scales(mass=1e5, frequency=5.0)
     closing = 0.645 * float(scales.length)
-    seldom = {"required_gap": jp.Limit(closing, probability=1e-7)}
-    goal = jp.Objective(jp.LeastDemand("damper_force"), limits=seldom)
+    seldom = {"required_gap": jp.design.Limit(closing, probability=1e-7)}
+    goal = jp.Objective(jp.design.LeastDemand("damper_force"), limits=seldom)
     left, right, force, gap = scales.buildings(PAPER)
     pair = jp.Buildings((left, right), (jp.FloorLink(0, 0, friction=force, gap=gap),))
     unit, dt = float(scales.force), case_w.DT * float(scales.time)
@@ -133,8 +137,8 @@ GIVEN = jp.Ensemble.of([jp.paper.ground()], GRID)
 
 
 def design_with(demand, probability, ensemble):
-    limits = {demand: jp.Limit(0.5, probability=probability)}
-    return designed(jp.Objective(jp.GapAtRest(), limits=limits), ensemble=ensemble)
+    limits = {demand: jp.design.Limit(0.5, probability=probability)}
+    return designed(jp.Objective(jp.design.GapAtRest(), limits=limits), ensemble=ensemble)
 
 
 test_limits_that_cannot_be_estimated = refusals(

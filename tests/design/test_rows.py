@@ -18,7 +18,7 @@ EARTHQUAKES = jp.Ensemble.drawn(jp.Scenarios(ROW, WAVES), 16, sampling="sobol")
 DAMPERS = {"links.*.friction": (0.0, 1.0)}
 SPACE = jp.DesignSpace(ROW, DAMPERS)
 BUDGET = 1.0
-SOON = jp.Scheme(jp.Switching())  # compiled, as friction's events are not located
+SOON = jp.Scheme(jp.simulation.Switching())  # compiled, as friction's events are not located
 UPPER_STOREY = "buildings.0.rods.1.stiffness"
 SEARCH = {"starts": 2, "iterations": 40, "progress": False}
 
@@ -105,7 +105,7 @@ def test_a_comparison_tells_of_each_link_and_goals_of_the_closest(design):
     assert 0 < hit < 1
     gaps = columns["min_gap"], columns["initial_gap"]
     assert float(jp.PoundingProbability(width=1e-9)(*gaps)) == -hit
-    assert float(jp.GapAtRest()(*gaps)) == pytest.approx(-np.mean(GAPS))
+    assert float(jp.design.GapAtRest()(*gaps)) == pytest.approx(-np.mean(GAPS))
 
 
 SHARES = np.linspace(0, 1, 21)
@@ -230,7 +230,7 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     assert 2 < least < 78
     space = jp.DesignSpace(row, {"links.0.friction": (0.0, 0.8 * newton)})
     how = SEARCH | {"starts": 1, "iterations": 30, "fresh": None}
-    how["objective"] = jp.Objective(jp.LeastDemand("peak_acceleration_1"))
+    how["objective"] = jp.Objective(jp.design.LeastDemand("peak_acceleration_1"))
     found = jp.design_damper(space, ensemble, grid, **how)
     assert -scanned[least] - 1e-3 <= found.objective
     assert found.values["links.0.friction"] == pytest.approx(at[least], abs=0.02 * newton)

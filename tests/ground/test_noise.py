@@ -15,14 +15,17 @@ from tests.ground.motions import values
 from tests.refusals import refusals
 
 FILTERS = [jp.KanaiTajimi(2.0, 0.6), jp.KanaiTajimi(5.0, 0.1)]
-FILTERS += [jp.CloughPenzien(2.0, 0.6, 0.2, 0.6), jp.CloughPenzien(5.0, 0.3, 4.0, 0.2)]
+FILTERS += [
+    jp.ground.CloughPenzien(2.0, 0.6, 0.2, 0.6),
+    jp.ground.CloughPenzien(5.0, 0.3, 4.0, 0.2),
+]
 
 
 def of_systems(filter):
     """The same transfer function by SciPy."""
     w, zeta = filter.frequency, filter.damping
     numerator, denominator = [2 * zeta * w, w**2], [1, 2 * zeta * w, w**2]
-    if isinstance(filter, jp.CloughPenzien):
+    if isinstance(filter, jp.ground.CloughPenzien):
         w, zeta = filter.high_pass, filter.high_pass_damping
         numerator = np.polymul(numerator, [1, 0, 0])
         denominator = np.polymul(denominator, [1, 2 * zeta * w, w**2])
@@ -98,7 +101,7 @@ def test_causal_sums_and_envelopes():
     gamma = jp.GammaEnvelope(peak=5.0, power=2.0)
     expected = np.where(t > 0, (t / 5 * np.exp(1 - t / 5)) ** 2, 0.0)
     np.testing.assert_allclose(gamma(t), expected, rtol=1e-12)
-    plateau = jp.PlateauEnvelope(rise=5.0, end=10.0, decay=0.4)
+    plateau = jp.ground.PlateauEnvelope(rise=5.0, end=10.0, decay=0.4)
     np.testing.assert_allclose(plateau(t), [0, 0, 0.25, 1, np.exp(-0.8)], rtol=1e-12)
     for envelope in (gamma, plateau):  # both branches are differentiated
         slopes = jax.jit(jax.grad(lambda e: jnp.sum(e(t))))(envelope)
@@ -161,10 +164,13 @@ IN_1, WAVELET = SCALES.to_dimensionless, jp.Ricker(1, 1, 1)
 test_bad_values_are_named = refusals(
     (lambda: jp.KanaiTajimi(-2.0, 0.6), r"frequency = -2 must be positive"),
     (lambda: jp.KanaiTajimi(2.0, 1.0), "damping = 1 must be above 0 and below 1"),
-    (lambda: jp.CloughPenzien(2.0, 0.6, 3.0), "high_pass = 3 must be below frequency = 2"),
-    (lambda: jp.CloughPenzien(2.0, 0.6, 0.2, 1.0), "high_pass_damping = 1 must be above 0 and be"),
+    (lambda: jp.ground.CloughPenzien(2.0, 0.6, 3.0), "high_pass = 3 must be below frequency = 2"),
+    (
+        lambda: jp.ground.CloughPenzien(2.0, 0.6, 0.2, 1.0),
+        "high_pass_damping = 1 must be above 0 and be",
+    ),
     (lambda: jp.GammaEnvelope(0.0, 1.0), "peak = 0 must be positive"),
-    (lambda: jp.PlateauEnvelope(3.0, 2.0, 1.0), "end = 2 must be .*above rise = 3"),
+    (lambda: jp.ground.PlateauEnvelope(3.0, 2.0, 1.0), "end = 2 must be .*above rise = 3"),
     (lambda: jp.Pulse(1.0, 0.0, 1.0), "period = 0 must be positive"),
     (lambda: jp.Pulse(1.0, [1.0, 2.0], 1.0), r"period of shape \(2,\) must be one number"),
     (lambda: jp.Pulse(1.0, 1.0, 1.0, time_unit="ms"), "time_unit = 'ms' must be 's' or"),

@@ -307,7 +307,9 @@ def quakes():
         record = jp.read_record(path, vertical=path.stem.lower().endswith("-up"))
         for every in (1, 2):
             yield record.samples[::every], every * record.dt
-    noise = jp.SiteBasedNoise(6.6, 20.0, vs30=600.0, fault="reverse", samples=1000, dt=0.02)
+    noise = jp.scenarios.SiteBasedNoise(
+        6.6, 20.0, vs30=600.0, fault="reverse", samples=1000, dt=0.02
+    )
     draws = np.random.default_rng(5).normal(size=(20, noise.dimension))
     for samples in jax.jit(jax.vmap(lambda z: noise.draw(z).samples))(draws):
         yield np.asarray(samples), 0.02

@@ -48,8 +48,8 @@ def test_a_record_ends_in_rest_keeps_single_precision_and_takes_counts():
     for dtype in (np.int16, np.int64, np.uint16):
         counts = np.array([0, 30_000, 20_000, 30_000], dtype)
         record, same = jp.Record(counts, 0.5), jp.Record(counts.astype(float), 0.5)
-        assert jp.arias_intensity(record) == jp.arias_intensity(same)
-        assert jp.pgv(record) == jp.pgv(same)
+        assert jp.ground.arias_intensity(record) == jp.ground.arias_intensity(same)
+        assert jp.ground.pgv(record) == jp.ground.pgv(same)
         np.testing.assert_array_equal((2 * record).acceleration(1.0), 40_000)
     # A finer record ends with its last sample.
     long = jp.Record(np.sin(np.arange(2000, dtype=np.float32)), np.float32(0.01))

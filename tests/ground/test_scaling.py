@@ -8,8 +8,8 @@ import jaxpound as jp
 from tests.ground.test_suite import SUITE
 from tests.refusals import refusals
 
-TARGET = jp.TargetSpectrum([0.0, 0.1, 0.5, 4.0], [0.3, 0.75, 0.75, 0.75 / 8], name="site")
-CODES = jp.PeriodRange.asce_7, jp.PeriodRange.en_1998
+TARGET = jp.ground.TargetSpectrum([0.0, 0.1, 0.5, 4.0], [0.3, 0.75, 0.75, 0.75 / 8], name="site")
+CODES = jp.ground.PeriodRange.asce_7, jp.ground.PeriodRange.en_1998
 
 
 def scaled(*args, periods=(0.2, 2.0), **more):
@@ -50,12 +50,12 @@ def test_the_best_fit_best_and_the_mean_reaches_its_least_share():
 
 def test_ranges_targets_and_their_damping():
     """ASCE/SEI 7-16, 16.2.3.1: 0.2 T_min to 2.0 T_max; EN 1998-1, 3.2.3.1.2(4): 0.2 T1 to 2 T1."""
-    assert jp.PeriodRange.asce_7(1.0, 0.5) == pytest.approx((0.1, 2.0))
-    assert jp.PeriodRange.asce_7(1.0, 0.5, shortest=0.04) == pytest.approx((0.04, 2.0))
-    assert jp.PeriodRange.asce_7(1.0, shortest=0.3) == pytest.approx((0.2, 2.0))
-    assert jp.PeriodRange.en_1998(0.8) == pytest.approx((0.16, 1.6))
+    assert jp.ground.PeriodRange.asce_7(1.0, 0.5) == pytest.approx((0.1, 2.0))
+    assert jp.ground.PeriodRange.asce_7(1.0, 0.5, shortest=0.04) == pytest.approx((0.04, 2.0))
+    assert jp.ground.PeriodRange.asce_7(1.0, shortest=0.3) == pytest.approx((0.2, 2.0))
+    assert jp.ground.PeriodRange.en_1998(0.8) == pytest.approx((0.16, 1.6))
     of_array = SUITE.scaled_to(TARGET, np.array([0.2, 1.0]), (1e-3, 1e3))
-    assert of_array.range == jp.PeriodRange(0.2, 1.0)
+    assert of_array.range == jp.ground.PeriodRange(0.2, 1.0)
     # Plateaus and branches in 1/T of codes are exact.
     np.testing.assert_allclose(TARGET.at([0.0, 0.05, 0.3]), [0.3, 0.525, 0.75])
     np.testing.assert_allclose(TARGET.at([1.0, 2.0, 4.0]), 0.375 / np.array([1.0, 2.0, 4.0]))
@@ -63,7 +63,7 @@ def test_ranges_targets_and_their_damping():
         assert OF_EN(0.2, "A", damping=damping).damping == pytest.approx(damping)
 
 
-TARGETS, OF_EN, ONES = jp.TargetSpectrum, jp.TargetSpectrum.en_1998, [1.0, 1.0]
+TARGETS, OF_EN, ONES = jp.ground.TargetSpectrum, jp.ground.TargetSpectrum.en_1998, [1.0, 1.0]
 WITHIN = "periods = .* must be within those of the target 'site', 0 to 4"
 NOT_RISING = "periods = 0.1 .* must be rising"
 TOO_LARGE = r"least = 0.9 must be at most 0\.\d+, which factors of 1"

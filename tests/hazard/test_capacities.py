@@ -12,7 +12,7 @@ CAPACITIES = 0.6 * np.exp(0.4 * RANDOM.standard_normal(40))
 
 
 def test_known_and_unknown_capacities_are_fitted():
-    curve = jp.fit_capacities(CAPACITIES)
+    curve = jp.hazard.fit_capacities(CAPACITIES)
     z = np.log(CAPACITIES)
     assert curve.median == pytest.approx(np.exp(z.mean()))
     assert curve.dispersion == pytest.approx(z.std(ddof=1))
@@ -23,7 +23,7 @@ def test_known_and_unknown_capacities_are_fitted():
     assert "from 40 capacities" in repr(curve)
     most = 0.7
     seen = np.where(most >= CAPACITIES, CAPACITIES, np.inf)
-    curve = jp.fit_capacities(seen, most)
+    curve = jp.hazard.fit_capacities(seen, most)
     logarithms = np.log(np.minimum(CAPACITIES, most))
     censored = stats.CensoredData.right_censored(logarithms, most < CAPACITIES)
     mean, spread = stats.norm.fit(censored)
@@ -38,7 +38,7 @@ def test_the_band_covers_the_truth(n):
     at, inside = np.array([0.25, 0.4, 0.6, 0.9, 1.4]), []
     truth = stats.norm.cdf(np.log(at / 0.6) / 0.4)
     for _ in range(600):
-        curve = jp.fit_capacities(0.6 * np.exp(0.4 * RANDOM.standard_normal(n)))
+        curve = jp.hazard.fit_capacities(0.6 * np.exp(0.4 * RANDOM.standard_normal(n)))
         low, high = curve.band(at, 0.95)
         inside.append((low <= truth) & (truth <= high))
     np.testing.assert_allclose(np.mean(inside, axis=0), 0.95, atol=0.03)
@@ -53,5 +53,5 @@ test_wrong_capacities = refusals(
     (("ab",), "capacities = 'ab' must be a real number"),
     (([0.1, np.inf], 0.4), "at least 2 records; they are known of 1 of 2"),
     (([0.1, 0.1],), "they are equal"),
-    of=lambda arguments: jp.fit_capacities(*arguments),
+    of=lambda arguments: jp.hazard.fit_capacities(*arguments),
 )

@@ -21,7 +21,7 @@ of_row = partial(jp.cloud_analysis, ROW, SUITE)
 
 
 def test_a_cloud_is_a_regression_of_logarithms_and_its_fragility_the_share_above_the_threshold():
-    cloud = jp.fit_cloud(IM, DEMAND)
+    cloud = jp.hazard.fit_cloud(IM, DEMAND)
     known = stats.linregress(np.log(IM), np.log(DEMAND))
     assert cloud.slope == pytest.approx(known.slope)
     assert cloud.intercept == pytest.approx(known.intercept)
@@ -37,7 +37,7 @@ def test_a_cloud_is_a_regression_of_logarithms_and_its_fragility_the_share_above
     found = []
     for _ in range(400):
         demand = 0.1 * IM**1.2 * np.exp(0.3 * RANDOM.standard_normal(IM.size))
-        one = jp.fit_cloud(IM, demand).fragility(0.05)
+        one = jp.hazard.fit_cloud(IM, demand).fragility(0.05)
         found.append((np.log(one.median), one.dispersion))
     np.testing.assert_allclose(np.std(found, axis=0), np.sqrt(np.diag(curve.covariance)), rtol=0.15)
     (low, high), middle = curve.band([0.3, 0.6]), curve.probability([0.3, 0.6])
@@ -46,7 +46,7 @@ def test_a_cloud_is_a_regression_of_logarithms_and_its_fragility_the_share_above
 
 def test_censored_demands_maximise_the_likelihood():
     limit = 0.08
-    cloud = jp.fit_cloud(IM, DEMAND, limit)
+    cloud = jp.hazard.fit_cloud(IM, DEMAND, limit)
     assert cloud.censored.sum() == (limit <= DEMAND).sum() > 50
 
     def unlikely(p):
@@ -60,7 +60,9 @@ def test_censored_demands_maximise_the_likelihood():
     # The truth is found again, which the demands below the limit alone do not give.
     errors = np.sqrt(np.diag(cloud.line.covariance))
     assert (np.abs(values - np.array([np.log(0.1), 1.2, 0.3])) < 3 * errors).all()
-    assert jp.fit_cloud(IM[limit > DEMAND], DEMAND[limit > DEMAND]).slope < 1.2 - 3 * errors[1]
+    assert (
+        jp.hazard.fit_cloud(IM[limit > DEMAND], DEMAND[limit > DEMAND]).slope < 1.2 - 3 * errors[1]
+    )
 
 
 def test_records_as_they_are():
@@ -74,17 +76,23 @@ def test_records_as_they_are():
 
 
 test_wrong_arguments = refusals(
-    (lambda: jp.fit_cloud([1.0, 2.0], [1.0, 2.0]), "at least 3 records"),
-    (lambda: jp.fit_cloud([1.0] * 3, [1.0, 2.0, 3.0]), "of different intensity"),
-    (lambda: jp.fit_cloud(IM, DEMAND, 1e-6), "below the limit"),
-    (lambda: jp.fit_cloud(IM, DEMAND[:2]), r"intensity \(400,\) and demand \(2,\)"),
-    (lambda: jp.fit_cloud(IM, 0.1 * IM**2), "σ = .* must be positive: demands that are a"),
-    (lambda: jp.fit_cloud(IM, 0.1 * IM**2, 0.05), "σ = .* must be positive"),
-    (lambda: jp.fit_cloud(IM, -DEMAND), "demand = .* must be positive"),
-    (lambda: jp.fit_cloud(IM, DEMAND).fragility(), "threshold = None must be a number"),
-    (lambda: jp.fit_cloud(IM, DEMAND).fragility([0.1, 0.2]), r"threshold of shape \(2,\) must"),
-    (lambda: jp.fit_cloud(IM, DEMAND).median(-1.0), "Cloud.median: intensity = -1 must be pos"),
+    (lambda: jp.hazard.fit_cloud([1.0, 2.0], [1.0, 2.0]), "at least 3 records"),
+    (lambda: jp.hazard.fit_cloud([1.0] * 3, [1.0, 2.0, 3.0]), "of different intensity"),
+    (lambda: jp.hazard.fit_cloud(IM, DEMAND, 1e-6), "below the limit"),
+    (lambda: jp.hazard.fit_cloud(IM, DEMAND[:2]), r"intensity \(400,\) and demand \(2,\)"),
+    (lambda: jp.hazard.fit_cloud(IM, 0.1 * IM**2), "σ = .* must be positive: demands that are a"),
+    (lambda: jp.hazard.fit_cloud(IM, 0.1 * IM**2, 0.05), "σ = .* must be positive"),
+    (lambda: jp.hazard.fit_cloud(IM, -DEMAND), "demand = .* must be positive"),
+    (lambda: jp.hazard.fit_cloud(IM, DEMAND).fragility(), "threshold = None must be a number"),
+    (
+        lambda: jp.hazard.fit_cloud(IM, DEMAND).fragility([0.1, 0.2]),
+        r"threshold of shape \(2,\) must",
+    ),
+    (
+        lambda: jp.hazard.fit_cloud(IM, DEMAND).median(-1.0),
+        "Cloud.median: intensity = -1 must be pos",
+    ),
     (lambda: of_pair(threshold=0), "threshold = 0 must"),
     (of_row, "threshold = None must be a gap: those at rest of the links differ"),
-    (lambda: jp.fit_cloud(IM, 1 / DEMAND).fragility(1.0), "slope b = -1.* must be positive"),
+    (lambda: jp.hazard.fit_cloud(IM, 1 / DEMAND).fragility(1.0), "slope b = -1.* must be positive"),
 )

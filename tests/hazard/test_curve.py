@@ -23,7 +23,7 @@ CURVE = jp.HazardCurve([0.1, 0.2, 0.21, 0.4, 0.8], [1e-2, 3e-3, 3e-3, 6e-4, 8e-5
 
 
 def fragility(median, dispersion):
-    return jp.Fragility(median, dispersion, COVARIANCE)
+    return jp.study.Fragility(median, dispersion, COVARIANCE)
 
 
 def rate_at(median, dispersion, *confidence, **options):
@@ -101,12 +101,12 @@ def fitted(measure):
     """Fragilities of every kind that say what they are of."""
     counts = [0.2, 0.4, 0.6, 0.8, 1.0], [1, 4, 9, 14, 18], [20] * 5
     demands = tuple(np.arange(20) < k for k in counts[1])
-    cloud = jp.fit_cloud([0.2, 0.4, 0.6, 0.8], [0.1, 0.15, 0.3, 0.32], measure=measure)
+    cloud = jp.hazard.fit_cloud([0.2, 0.4, 0.6, 0.8], [0.1, 0.15, 0.3, 0.32], measure=measure)
     return [
-        jp.Fragility(0.6, 0.4, measure=measure),
+        jp.study.Fragility(0.6, 0.4, measure=measure),
         jp.fit_fragility(*counts, measure=measure),
-        jp.fit_capacities([0.2, 0.3, 0.45], measure=measure),
-        jp.Stripes(np.array(counts[0]), demands, 1.0, measure=measure).fragility(),
+        jp.hazard.fit_capacities([0.2, 0.3, 0.45], measure=measure),
+        jp.hazard.Stripes(np.array(counts[0]), demands, 1.0, measure=measure).fragility(),
         cloud.fragility(0.2),
     ]
 
@@ -118,7 +118,7 @@ def test_fragilities_of_other_measures_are_refused_and_what_one_side_alone_state
         for curve, unknown in zip(fitted(measure), fitted(""), strict=True):
             assert named.annual_rate_of(curve).value == CURVE.annual_rate_of(unknown).value
             refused(words, CURVE.annual_rate_of, curve)
-    curve = jp.Fragility(1, 1, unit="m/s2", measure="PGA (m/s2)")
+    curve = jp.study.Fragility(1, 1, unit="m/s2", measure="PGA (m/s2)")
     assert (curve.unit, str(curve.measured)) == ("m/s²", "PGA (m/s²)")
     in_si = jp.HazardCurve(10 * CURVE.intensity, CURVE.annual_rate, "PGA (m/s2)")
     tenth = rate_at(0.1, 1.0)  # the same in units of 10 m/s²
@@ -137,7 +137,7 @@ def test_fragilities_of_other_measures_are_refused_and_what_one_side_alone_state
         hazard = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, of_curve)
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
-            hazard.annual_rate_of(jp.Fragility(0.5, 0.4, measure=of_fragility))
+            hazard.annual_rate_of(jp.study.Fragility(0.5, 0.4, measure=of_fragility))
         assert len(warned) == len(doubts)
         for warning, words in zip(warned, doubts, strict=True):
             assert re.search(words, str(warning.message))
@@ -152,7 +152,7 @@ def test_fragilities_of_other_measures_are_refused_and_what_one_side_alone_state
 
 
 def test_a_rate_says_whose_it_is_and_tells_its_bounds_and_estimates_are_scaled():
-    curve = jp.Fragility(0.5, 0.4, COVARIANCE, event="largest ductility ≥ 4")
+    curve = jp.study.Fragility(0.5, 0.4, COVARIANCE, event="largest ductility ≥ 4")
     assert "Mean annual rate of pounding" in repr(RATE)
     assert "Rate of pounding by intensity" in repr(RATE.deaggregation())
     rate = CURVE.annual_rate_of(curve)
@@ -166,11 +166,11 @@ def test_a_rate_says_whose_it_is_and_tells_its_bounds_and_estimates_are_scaled()
     assert "beyond" not in sure
     assert "between" not in sure
     assert "whatever it is there, the rate is" in sure
-    rate = CURVE.annual_rate_of(jp.Estimate(0.1, 0.08, 0.125, 0.9))
+    rate = CURVE.annual_rate_of(jp.study.Estimate(0.1, 0.08, 0.125, 0.9))
     numbers = (rate.value, rate.low, rate.high, rate.confidence)
     assert numbers == pytest.approx((1e-3, 8e-4, 1.25e-3, 0.9))
     assert rate.cov == pytest.approx(np.log(1.25) / stats.norm.ppf(0.95))
-    assert np.isnan(CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).cov)
+    assert np.isnan(CURVE.annual_rate_of(jp.study.Estimate(0.1, 0.0, 0.2)).cov)
 
 
 def test_deaggregation_adds_up_in_bands_that_hold_the_rate_wherever_it_comes_from():
@@ -184,7 +184,7 @@ def test_deaggregation_adds_up_in_bands_that_hold_the_rate_wherever_it_comes_fro
     assert 0.997 < usual.share.sum() < 1
     assert 0.4 < usual.mean < 0.6
     assert "outside these bands 0.2 %" in repr(RATE.deaggregation())
-    wide = jp.Fragility(0.5, 0.4, np.diag([1e10, 1e-2]))
+    wide = jp.study.Fragility(0.5, 0.4, np.diag([1e10, 1e-2]))
     assert "(no 95% interval)" in repr(CURVE.annual_rate_of(wide))
     assert np.isnan(RATE.deaggregation([0.0, np.inf]).mean)
     for median in (1e-6, 1e-3, 0.3, 30.0, 1e6):
@@ -303,7 +303,10 @@ test_bad_values_are_named = refusals(
     (lambda: jp.HazardCurve([0.1, 0.2], [3e7, 1e-3]), "annual_rate = 30000000 .* to 1000 a y"),
     (lambda: jp.HazardCurve([0.1, 0.2], [1e-3, 1e-300]), "annual_rate = 1e-300 .* from 1e-100"),
     (lambda: rate_at(1e-290, 1), "median = 1e-290 .* nearer to"),
-    (lambda: jp.Fragility(1, 1, unit="g", measure="PGA (m/s2)"), "must be in the unit of the"),
+    (
+        lambda: jp.study.Fragility(1, 1, unit="g", measure="PGA (m/s2)"),
+        "must be in the unit of the",
+    ),
     (lambda: CURVE.annual_rate_of(0.1), "pounding = 0.1 must be of type Fragility or Estimate"),
     (lambda: CURVE.annual_rate_of(fragility(1, 1), 1.0), "confidence = 1 must be between"),
     (lambda: CURVE.intensity_at(0.001), "must be one of the curve's, 8e-05 to 0.01"),
@@ -315,7 +318,10 @@ test_bad_values_are_named = refusals(
     (lambda: CURVE.weights([0.3, 5.0], jp.Uniform(0, 1)), "intensity = 5 .* can draw"),
     (lambda: CURVE.weights([0.3], 2.0), "drawn_from = 2.0 must be of type Distribution"),
     (lambda: jp.HazardCurve([1, 2], [1e-3, 1e-3]).distribution(), "must be smaller than that"),
-    (lambda: CURVE.annual_rate_of(jp.Estimate(0.1, 0.0, 0.2)).deaggregation(), "not of an est"),
+    (
+        lambda: CURVE.annual_rate_of(jp.study.Estimate(0.1, 0.0, 0.2)).deaggregation(),
+        "not of an est",
+    ),
     (lambda: rate_at(1, 1).deaggregation([2, 1]), "edges = 1 .* larger"),
     (lambda: RATE.deaggregation(intensity="pga"), "intensity must be None: a fragility has its"),
     (lambda: rate_at(1e300, 0.1).deaggregation(), "the rate, 0 a year, must be positive"),

@@ -167,7 +167,7 @@ def wavelets(intensity):
 
 STRONGER = jp.HazardCurve(HAZARD.intensity, HAZARD.annual_rate**0.9)
 
-KT, ENVELOPE = jp.KanaiTajimi(15.0, 0.6), jp.PlateauEnvelope(1.0, 4.0, 0.8)
+KT, ENVELOPE = jp.KanaiTajimi(15.0, 0.6), jp.ground.PlateauEnvelope(1.0, 4.0, 0.8)
 UNDRAWN = {
     "wavelets": wavelets(LOGNORMAL),
     "noise": jp.FilteredNoise(KT, 20, 0.05, ENVELOPE, LOGNORMAL),
@@ -291,6 +291,6 @@ def test_records_are_scaled_by_the_hazard_and_rates_from_beyond_it_doubted():
     for z, share in ((0.0, 0.5), (2.0, stats.norm.sf(2))):
         peak = np.abs(ground.draw(jnp.array([z])).samples).max()
         assert float(HAZARD.rate(peak)) == pytest.approx(2e-2 * share)
-    far, near = (HAZARD.annual_rate_of(jp.Fragility(median, 0.4)) for median in (6.0, 0.6))
+    far, near = (HAZARD.annual_rate_of(jp.study.Fragility(median, 0.4)) for median in (6.0, 0.6))
     assert "more than 50% of the rate comes from intensities beyond" in repr(far)
     assert near.warnings == ()

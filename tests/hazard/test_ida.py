@@ -55,7 +55,7 @@ def test_newton_contact_and_ends_of_the_ladder(linear):
     np.testing.assert_array_equal(known, linear.capacities <= most)
     np.testing.assert_allclose(found.capacities[known], linear.capacities[known], rtol=1e-10)
     assert f"above {most:.4g}" in repr(found)
-    censored = jp.fit_capacities(found.capacities, most)
+    censored = jp.hazard.fit_capacities(found.capacities, most)
     assert found.fragility().median == censored.median > np.median(found.capacities[known])
 
 
@@ -90,7 +90,7 @@ def test_thresholds_demands_records_and_fractiles(linear):
     np.testing.assert_array_equal(stripes.trials, [3] * 4)
     expected = (linear.capacities[:, None] <= linear.intensities).sum(axis=0)
     np.testing.assert_array_equal(stripes.pounding, expected)
-    curve, fitted = linear.fragility(), jp.fit_capacities(linear.capacities)
+    curve, fitted = linear.fragility(), jp.hazard.fit_capacities(linear.capacities)
     assert (curve.median, curve.dispersion) == (fitted.median, fitted.dispersion)
 
 
@@ -121,7 +121,7 @@ def test_the_first_crossing_is_refined(method, batch):
 
 def test_records_that_return_are_strong_or_unfit_are_named(capsys):
     demands = np.array([[0.5, 1.2, 0.9, 1.5], [0.2, 0.4, 1.1, 1.3]])
-    found = jp.IncrementalDynamicAnalysis(
+    found = jp.hazard.IncrementalDynamicAnalysis(
         *(("wave", "line"), np.ones(2), np.arange(1.0, 5.0), demands, np.array([1.7, 2.9])),
         *(1.0, "demand", "PGA (g)", False),
     )

@@ -50,13 +50,13 @@ def test_pounding_where_gaps_differ_is_an_overlap_of_any_link():
 
 def test_demands_that_return_are_told_where_a_fragility_is_fitted():
     demands = [np.linspace(0, level, 20) for level in (0.5, 1.2, 2.0, 4.0)]
-    stripes = jp.Stripes(np.array([0.1, 0.2, 0.4, 0.8]), tuple(demands), 1.0)
+    stripes = jp.hazard.Stripes(np.array([0.1, 0.2, 0.4, 0.8]), tuple(demands), 1.0)
     curve = jp.fit_fragility(stripes.intensities, stripes.pounding, stripes.trials)
     assert stripes.fragility().median == curve.median
     assert "return" not in repr(stripes)
     for counts, returning in (((0, 0, 10, 0), True), ((2, 6, 5, 9), False)):
         demands = tuple(np.arange(10) < k for k in counts)
-        stripes = jp.Stripes(np.array([0.1, 0.2, 0.4, 0.8]), demands, 1.0)
+        stripes = jp.hazard.Stripes(np.array([0.1, 0.2, 0.4, 0.8]), demands, 1.0)
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             stripes.fragility()

@@ -144,13 +144,13 @@ def test_a_law_keeps_precision_and_batches_and_is_elastic_where_blocks_touch_at_
 
 def test_the_force_itself_is_that_of_effective_mass_1_and_only_kelvin_s_may_pull():
     for law in BY_NAME.values():
-        assert isinstance(law, jp.ContactLaw)
-        assert isinstance(with_mass(law, 0.4), jp.ContactLaw)
+        assert isinstance(law, jp.model.ContactLaw)
+        assert isinstance(with_mass(law, 0.4), jp.model.ContactLaw)
         assert law.force(0.01, 0.3, 1.0) == with_mass(law, 1.0).force(0.01, 0.3, 1.0)
         tension = isinstance(law, KelvinVoigt) and law.tension
         assert may_pull(law) is may_pull(with_mass(law, 0.4)) is tension
     assert not may_pull(Newton(0.5))
-    assert not isinstance(Newton(0.5), jp.ContactLaw)
+    assert not isinstance(Newton(0.5), jp.model.ContactLaw)
     assert [with_mass(law, 0.4) is law for law in (BY_NAME["kelvin"], Hertz(1.0))] == [False, True]
 
 

@@ -65,7 +65,7 @@ def test_strengths_of_a_building_follow_codes():
     numbers = ([300e3] * 2, 4e8, 0.5, 1e-3, 0.05)
     listed = jp.ShearBuilding.of_storeys(*numbers, yield_force=[2e6, 1e6], hardening=0.1)
     assert listed.storeys[1].hysteresis.yield_displacement == 0.0025
-    assert jp.base_shear_coefficient(0.39, "DCM") == pytest.approx(0.1)
+    assert jp.model.base_shear_coefficient(0.39, "DCM") == pytest.approx(0.1)
 
 
 def test_weights_soften_a_building_and_its_hardening():
@@ -121,7 +121,7 @@ test_refused = refusals(
     ),
     (jp.Bilinear, 0.1, -0.1, r"ultimate_displacement = inf must be finite where hardening is neg"),
     (jp.BoucWen, 0.1, 0.0, 0.5, r"BoucWen: exponent = 0.5 must be finite and at least 1$"),
-    (jp.base_shear_coefficient, 0.5, "DCX", r"ductility_class = 'DCX' must be a class"),
+    (jp.model.base_shear_coefficient, 0.5, "DCX", r"ductility_class = 'DCX' must be a class"),
     (FRAME.yielding, r"a strength by nothing must be by one of yield_force, base_shear"),
     (lambda: FRAME.yielding(yield_force=-1.0), r"yield_force = -1 must be between 1e-06 and"),
     (WEAK.with_p_delta, r"ultimate_displacement = inf must be finite"),

@@ -72,8 +72,8 @@ def test_a_lead_rubber_bearing_has_the_damping_and_the_stiffness_of_its_loop():
 
 @pytest.mark.parametrize("gravity", [G, 1.62])
 def test_an_isolated_building_has_its_base_as_floor_0_and_bearings_under_its_whole_weight(gravity):
-    sliding, (link,) = jp.isolated(FRAME, SLIDING, BASE, gravity=gravity)
-    rubber, none = jp.isolated(FRAME, RUBBER, BASE, gravity=gravity, height=0.8)
+    sliding, (link,) = jp.on_bearings(FRAME, SLIDING, BASE, gravity=gravity)
+    rubber, none = jp.on_bearings(FRAME, RUBBER, BASE, gravity=gravity, height=0.8)
     assert none == ()
     for building, height in ((sliding, 0.5), (rubber, 0.8)):
         assert (building.n_floors, building.heights) == (4, (height, 3.0, 3.0, 3.0))
@@ -94,48 +94,48 @@ def test_an_isolated_building_has_its_base_as_floor_0_and_bearings_under_its_who
 def test_modes_are_those_of_the_springs_before_yield():
     block = jp.Building(300e3, 4e7, 1.0, 1e-6, 1e-6)
     for bearing in (SLIDING, RUBBER):
-        building, _ = jp.isolated(block, bearing, BASE)
+        building, _ = jp.on_bearings(block, bearing, BASE)
         assert building.heights == (0.5, 3.0)
         modes = building.modes()
         np.testing.assert_allclose(modes.frequencies, frequencies(building), rtol=1e-9)
         np.testing.assert_allclose(modes.damping_ratios, 0, atol=1e-9)
     # Nearly rigid above the bearings: the base and all floors swing as one pendulum.
     stiff = jp.ShearBuilding.from_period(3, 300e3, period=0.01, damping_ratio=0.03)
-    modes = jp.isolated(stiff, SLIDING, BASE)[0].modes()
+    modes = jp.on_bearings(stiff, SLIDING, BASE)[0].modes()
     assert modes.periods[0] == pytest.approx(float(SLIDING.period()), rel=2e-5)
     np.testing.assert_allclose(modes.shapes[:, 0].real, 1, rtol=2e-5)
 
 
 def test_the_link_to_the_ground_has_friction_once_and_a_face_for_each_wall():
-    building, links = jp.isolated(FRAME, SLIDING, BASE, wall=MoatWall((0.2, 0.3), (LAW, SOFT)))
+    building, links = jp.on_bearings(FRAME, SLIDING, BASE, wall=MoatWall((0.2, 0.3), (LAW, SOFT)))
     right, left = jp.Buildings((building,), links).links
     assert (right.side, right.gap, right.contact) == ("right", 0.3, SOFT)
     assert (left.side, left.gap, left.contact) == ("left", 0.2, LAW)
     assert right.friction == pytest.approx(0.06 * MASS * G, rel=1e-12)
     assert left.friction == 0
     # One gap is that of both sides; bearings without friction have the wall's link alone.
-    building, links = jp.isolated(FRAME, RUBBER, BASE, wall=MoatWall(0.3, LAW))
+    building, links = jp.on_bearings(FRAME, RUBBER, BASE, wall=MoatWall(0.3, LAW))
     faces = jp.Buildings((building,), links).links
     assert [(face.gap, face.contact, face.friction) for face in faces] == 2 * [(0.3, LAW, 0.0)]
     # A wall on one side only; without a law it measures the gap.
     for gap, law in (((0.2, np.inf), LAW), ((np.inf, 0.2), LAW), ((0.2, np.inf), None)):
-        building, links = jp.isolated(FRAME, SLIDING, BASE, wall=MoatWall(gap, law))
+        building, links = jp.on_bearings(FRAME, SLIDING, BASE, wall=MoatWall(gap, law))
         faces = jp.Buildings((building,), links).links[::-1]
         assert tuple(face.gap for face in faces) == gap
         assert [face.contact for face in faces] == [law if x == 0.2 else None for x in gap]
     # The number of the building is that in the row.
     number = {"wall": MoatWall(0.3, LAW), "number": 1}
-    building, links = jp.isolated(FRAME, SLIDING, BASE, **number)
+    building, links = jp.on_bearings(FRAME, SLIDING, BASE, **number)
     row = jp.Buildings((FRAME, building), (*links, jp.FloorLink(0, 1, 2, gap=0.5))[:1])
     assert [link.building for link in row.links] == [1, 1]
     assert row.system().topology.links == ((3, jp.GROUND), (jp.GROUND, 3))
-    _, (link,) = jp.isolated(FRAME, SLIDING, BASE, number=2)
+    _, (link,) = jp.on_bearings(FRAME, SLIDING, BASE, number=2)
     assert link.building == 2
 
 
 def test_friction_grows_with_the_velocity_from_slow_to_fast():
     bearing = FrictionPendulum(2.24, 0.04, fast_friction=0.1, rate=30.0)
-    building, links = jp.isolated(FRAME, bearing, BASE, wall=MoatWall(0.3, LAW))
+    building, links = jp.on_bearings(FRAME, bearing, BASE, wall=MoatWall(0.3, LAW))
     right, left = jp.Buildings((building,), links).links
     assert left.velocity_friction is None
     speeds, weight = np.array([0.0, 0.01, 0.1, 10.0]), MASS * G
@@ -195,6 +195,6 @@ test_bad_buildings_are_refused = refusals(
     (FRAME, RUBBER, BASE, {"number": -1}, "number = -1 must be a whole number from 0 on"),
     (FRAME, SLIDING, BASE, {"height": 0.0}, f"height = 0 {NOT_POSITIVE}"),
     (FRAME, RUBBER, 1e11, {}, "base_mass = 1e.11 must be between 0.001 and"),
-    of=lambda building, bearing, mass, more: jp.isolated(building, bearing, mass, **more),
-    before="^isolated: ",
+    of=lambda building, bearing, mass, more: jp.on_bearings(building, bearing, mass, **more),
+    before="^on_bearings: ",
 )

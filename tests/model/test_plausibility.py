@@ -162,4 +162,4 @@ def test_real_buildings_of_all_sizes_are_not_told_of():
     jp.Buildings((jp.tuned_mass_damper(jp.Building.from_period(3e8, 6.8, 0.01), 0.01),))
     weak = storeys(n=2).yielding(yield_force=0.5 * 2 * 300e3 * 9.81)  # the same on both storeys
     for bearing in (jp.FrictionPendulum(2.24, 0.05, 0.08, 50.0, 0.4), jp.LeadRubber(2.5, 0.03)):
-        jp.Buildings(jp.isolated(weak, bearing, 350e3)[:1])
+        jp.Buildings(jp.on_bearings(weak, bearing, 350e3)[:1])

@@ -131,7 +131,7 @@ def test_a_tuned_mass_is_no_storey_anywhere():
     device, links = jp.tuned_inerter_damper(FRAME, 0.05)
     between = link_places(jp.Buildings((device,), links).system().topology)
     assert between == ("1–ground, tuned mass",)
-    on_bearings, _ = jp.isolated(tuned, jp.LeadRubber(2.5, 0.05), 300e3)
+    on_bearings, _ = jp.on_bearings(tuned, jp.LeadRubber(2.5, 0.05), 300e3)
     assert on_bearings.n_floors == 4
     refused("n_tuned = 3 must be a whole number from 0 to 2", replace, FRAME, n_tuned=3)
 

@@ -103,7 +103,7 @@ def test_units_are_those_of_the_design_and_its_buildings(stand_in, ax):
 
 def test_tornado_has_the_largest_on_top(ax):
     sizes = {"initial_gap": 1.4, "friction": 0.1, "rod_2.order": 0.2, "mass_ratio": -0.3}
-    found = jp.Elasticities("min_gap", 0.7, dict.fromkeys(sizes, 1.0), sizes)
+    found = jp.design.Elasticities("min_gap", 0.7, dict.fromkeys(sizes, 1.0), sizes)
     plots.tornado(found, ax)
     widths = [bar.get_width() for bar in ax.patches]
     assert widths == sorted(found.values.values(), key=abs)

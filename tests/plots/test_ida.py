@@ -12,7 +12,7 @@ from tests.refusals import refused
 
 IM = np.array([0.1, 0.2, 0.4])
 DEMANDS = np.array([[0.01, 0.02, 0.04], [0.02, 0.04, 0.08], [0.01, 0.03, 0.05]])
-FOUND = jp.IncrementalDynamicAnalysis(
+FOUND = jp.hazard.IncrementalDynamicAnalysis(
     *(("a", "b", "c"), np.array([0.3, 0.2, 0.1]), IM, DEMANDS, np.array([np.inf, 0.25, 0.4])),
     *(0.05, "required_gap", "Sa(0.9 s) (g)", True),
 )
@@ -47,7 +47,9 @@ def test_a_single_run_is_a_figure_too(demand, limit, ax):
 
 
 def test_a_cloud_with_its_line_and_the_fragility_of_capacities_with_their_distribution(ax):
-    cloud = jp.fit_cloud(*np.array([[0.1, 0.2, 0.3, 0.5], [0.01, 0.03, 0.02, 0.1]]), limit=0.05)
+    cloud = jp.hazard.fit_cloud(
+        *np.array([[0.1, 0.2, 0.3, 0.5], [0.01, 0.03, 0.02, 0.1]]), limit=0.05
+    )
     line, records, bounds = ida.cloud(cloud, ax).lines
     np.testing.assert_allclose(line.get_ydata(), cloud.median(line.get_xdata()))
     np.testing.assert_allclose(records.get_ydata(), [0.01, 0.03, 0.02])

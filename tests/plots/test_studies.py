@@ -104,14 +104,14 @@ def test_a_fragility_has_its_data_and_its_curve_or_a_curve_alone(found, ax):
         _, share = ax.containers[0][0].get_data()
         assert share @ runs == pytest.approx(curve.pounding.sum(), rel=0.02)
         assert ax.get_xlabel() == "PGA ($g$)"
-    curve = jp.Fragility(0.6, 0.4)
+    curve = jp.study.Fragility(0.6, 0.4)
     ax = plots.fragility(curve, new_axes())
     (line,) = ax.lines
     np.testing.assert_allclose(line.get_ydata(), curve.probability(line.get_xdata()))
     assert not ax.containers
     assert not ax.collections
     assert ax.get_xlabel() == "im"
-    plots.fragility(jp.Fragility(0.6, 0.4, np.diag([0.01, 0.01]), measure="PGA (g)"), ax)
+    plots.fragility(jp.study.Fragility(0.6, 0.4, np.diag([0.01, 0.01]), measure="PGA (g)"), ax)
     assert len(ax.collections) == 1
     assert ax.get_xlabel() == "PGA (g)"
     assert ax.lines[1].get_label() == r"$\theta$ = 0.6 g, $\beta$ = 0.4"

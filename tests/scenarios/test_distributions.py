@@ -44,7 +44,7 @@ def test_truncation_is_the_conditional_distribution(ours, theirs, z, start, shar
 def test_two_sided_numbers_have_sizes_and_signs_as_given(negative):
     """An increasing function of z; sizes keep their distribution, both tails included."""
     size = jp.LogNormal(0.2, 0.5)
-    both = jp.TwoSided(size, negative)
+    both = jp.scenarios.TwoSided(size, negative)
     z = np.linspace(-7.5, 7.5, 301)
     x = np.asarray(jax.jit(both.from_normal)(z))
     assert (np.diff(x) > 0).all()
@@ -58,7 +58,7 @@ def test_two_sided_numbers_have_sizes_and_signs_as_given(negative):
 
 
 def test_two_sided_numbers_pass_zero_without_a_jump_and_with_finite_slopes():
-    both = jp.TwoSided(jp.LogNormal(0.2, 0.5))
+    both = jp.scenarios.TwoSided(jp.LogNormal(0.2, 0.5))
     assert abs(float(both.from_normal(1e-12)) - float(both.from_normal(-1e-12))) < 0.02
     z = jnp.array([-9.0, -1e-3, 0.0, 1e-3, 9.0])
     slopes = jax.jit(jax.vmap(jax.grad(both.from_normal)))(z)
@@ -68,7 +68,7 @@ def test_two_sided_numbers_pass_zero_without_a_jump_and_with_finite_slopes():
     numeric = (value(z + h) - value(z - h)) / (2 * h)
     apart = np.array([0, 1, 3, 4])
     np.testing.assert_allclose(slopes[apart], numeric[apart], rtol=1e-4)
-    uniform = jp.TwoSided(jp.Uniform(0.0, 1.0))  # flat through 0
+    uniform = jp.scenarios.TwoSided(jp.Uniform(0.0, 1.0))  # flat through 0
     expected = 2 * stats.norm.cdf(np.asarray(z)) - 1
     np.testing.assert_allclose(uniform.from_normal(z), expected, atol=1e-12)
 
@@ -92,9 +92,9 @@ def test_truncation_keeps_both_tails_and_the_nearer_end():
 
 
 test_bad_values_are_named = refusals(
-    (jp.TwoSided, jp.Normal(0.0, 1.0), "size = .* must have positive numbers only"),
-    (jp.TwoSided, jp.LogNormal(1.0, 1.0), 1.0, "negative = 1 must be between 0 and 1"),
-    (jp.TwoSided, 3, "size = 3 must be of type Distribution"),
+    (jp.scenarios.TwoSided, jp.Normal(0.0, 1.0), "size = .* must have positive numbers only"),
+    (jp.scenarios.TwoSided, jp.LogNormal(1.0, 1.0), 1.0, "negative = 1 must be between 0 and 1"),
+    (jp.scenarios.TwoSided, 3, "size = 3 must be of type Distribution"),
     (lambda: jp.Normal(0.0, 0.0), "Normal: std = 0 must be positive"),
     (lambda: jp.Normal(np.nan, 1.0), "Normal: mean = nan must be finite"),
     (lambda: jp.LogNormal(-1.0, 1.0), "LogNormal: median = -1 must be positive"),

@@ -22,9 +22,13 @@ SCALES = jp.Scales(mass=5e5, frequency=7.0)
 SIZES = {"samples": 1250, "dt": 0.02}
 MOTION = {"arias_intensity": 0.05, "duration": 10.0, "mid_time": 7.0, "damping": 0.2}
 MOTION |= {"frequency": 5.0, "frequency_slope": -0.2}
-GIVEN = jp.NonstationaryNoise(**MOTION, **SIZES, high_pass=None)
-SITE = jp.SiteBasedNoise(magnitude=6.6, distance=20.0, vs30=600.0, fault="reverse", **SIZES)
-PULSE = jp.RandomPulse(jp.TwoSided(jp.LogNormal(0.2, 0.4)), jp.Normal(3.0, 0.5), arrival=1.0)
+GIVEN = jp.scenarios.NonstationaryNoise(**MOTION, **SIZES, high_pass=None)
+SITE = jp.scenarios.SiteBasedNoise(
+    magnitude=6.6, distance=20.0, vs30=600.0, fault="reverse", **SIZES
+)
+PULSE = jp.scenarios.RandomPulse(
+    jp.scenarios.TwoSided(jp.LogNormal(0.2, 0.4)), jp.Normal(3.0, 0.5), arrival=1.0
+)
 
 
 def test_noise_of_a_spectral_density_has_its_variance_and_intensity_scales_it():
@@ -41,7 +45,10 @@ def test_noise_of_a_spectral_density_has_its_variance_and_intensity_scales_it():
 
 def test_filtered_motions_that_end_displaced_are_returned_to_rest():
     """Noise of Clough and Penzien's filter, an envelope of 10 s, 30 s: without the filter, 2 m."""
-    filter_, envelope = jp.CloughPenzien(15.6, 0.6, high_pass=1.5), jp.PlateauEnvelope(2, 10, 0.5)
+    filter_, envelope = (
+        jp.ground.CloughPenzien(15.6, 0.6, high_pass=1.5),
+        jp.ground.PlateauEnvelope(2, 10, 0.5),
+    )
     how = {"time_unit": "s", "spectral_density": 0.01 / jp.STANDARD_GRAVITY**2}
     adrift = jp.FilteredNoise(filter_, samples=1500, dt=0.02, envelope=envelope, **how)
     z, t = np.random.default_rng(1).normal(size=(20, 1500)), 0.02 * np.arange(1502)
@@ -60,7 +67,7 @@ def test_filtered_motions_that_end_displaced_are_returned_to_rest():
         @jax.jit
         def velocities(z, noise=noise):
             record = noise.draw(z)
-            return record.velocity(last), jp.pgv(record)
+            return record.velocity(last), jp.ground.pgv(record)
 
         end, largest = velocities(z)
         share[high_pass] = abs(float(end)) / float(largest)
@@ -175,7 +182,7 @@ def test_motions_of_a_site_differentiate_and_are_finite_far_out():
     z = np.random.default_rng(6).normal(size=SITE.dimension)
     names = list(jp.Scenarios(PAPER, jp.Scales(1.0, 7.0).to_dimensionless(SITE)).parameters(z))
     assert names[:7] == [*REGRESSIONS, "noise_1"]
-    draw = jax.jit(lambda z: jp.arias_intensity(SITE.draw(z)))
+    draw = jax.jit(lambda z: jp.ground.arias_intensity(SITE.draw(z)))
     slope = jax.jit(jax.grad(draw))(z)
     h = 1e-5 * np.eye(z.size)[1]
     numeric = (draw(z + h) - draw(z - h)) / 2e-5
@@ -250,7 +257,10 @@ test_bad_values_are_named = refusals(
     (with_(GIVEN, high_pass=0.0), "high_pass = 0 must be positive"),
     (with_(SITE, fault="normal"), "fault = 'normal' must be one of strike-slip"),
     (with_(SITE, distance=-1.0), "distance = -1 must be positive"),
-    (lambda: jp.RandomPulse(1.0, 1.0, 1.0), "one of the parameters must be a Distribution"),
+    (
+        lambda: jp.scenarios.RandomPulse(1.0, 1.0, 1.0),
+        "one of the parameters must be a Distribution",
+    ),
     (with_(PULSE, cycles=-1.0), "cycles = -1 must be positive"),
     (lambda: SumOfDraws((jp.Ricker(1, 1, 1),)), "must hold at least one that is drawn"),
     (lambda: SMALL + 3, r"parts\[1\] = 3 must have acceleration"),

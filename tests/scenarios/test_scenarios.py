@@ -99,10 +99,10 @@ def test_random_wavelets_have_their_distributions_and_signs():
         names = [*(f"amplitude_{i}" for i in (1, 2, 3)), "period_1"]
         assert list(draw.parameters(jnp.zeros(9)))[:4] == names
     size = RICKER.amplitude
-    signed = jp.RandomRicker(3, jp.TwoSided(size), RICKER.periods, RICKER.arrivals)
+    signed = jp.RandomRicker(3, jp.scenarios.TwoSided(size), RICKER.periods, RICKER.arrivals)
     assert (signed.dimension, signed.discrete, signed.negative) == (9, (), 0.0)
     z = np.array([-2.0, -0.1, 1.0, *np.zeros(6)])
-    expected = jp.TwoSided(size).from_normal(z[:3])
+    expected = jp.scenarios.TwoSided(size).from_normal(z[:3])
     np.testing.assert_allclose(signed.draw(z).amplitude, expected)
     assert (np.sign(expected) == [-1, -1, 1]).all()
     other = dataclasses.replace(signed, negative=0.5)
@@ -196,7 +196,7 @@ def random_periods(distribution):
 
 
 def random_pulse(distribution):
-    return jp.RandomPulse(0.1, distribution, 1.0)
+    return jp.scenarios.RandomPulse(0.1, distribution, 1.0)
 
 
 @pytest.mark.parametrize("draw", [random_structures, random_periods, random_pulse])

@@ -127,7 +127,7 @@ def test_a_friction_pendulum_let_go_swings_in_its_period_and_loses_what_friction
     radius, friction, start = 2.24, 0.01, 0.3
     bearing = jp.FrictionPendulum(radius, friction)
     light = jp.Building.from_period(1e4, 0.1, 0.02)
-    building, links = jp.isolated(light, bearing, base_mass=4e5)
+    building, links = jp.on_bearings(light, bearing, base_mass=4e5)
     half, loss = np.pi * np.sqrt(radius / jp.STANDARD_GRAVITY), 2 * friction * radius
     left = start - loss * np.arange(8)
     still, aside = jp.Pulse(0.0, 1.0, 1.0, time_unit="s"), jp.InitialState((start, start))

@@ -76,6 +76,6 @@ POUNDING = replace(PAPER, initial_gap=0.3, contact=jp.Newton(0.6))
 ORDER = "extrapolated = True must have order 2"
 test_where_it_does_not_hold = refusals(
     (lambda: jp.Scheme(order=1, extrapolated=True), ORDER),
-    (lambda: jp.Scheme(jp.Switching(), extrapolated=True), ORDER),
+    (lambda: jp.Scheme(jp.simulation.Switching(), extrapolated=True), ORDER),
     (jp.demand, POUNDING, GROUND, grid(0.04), TWICE, r"links\.0 must have no contact"),
 )

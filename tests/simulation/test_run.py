@@ -20,7 +20,7 @@ from tests.simulation.pairs import in_unit_of_time
 REFERENCE = load("paper_case")
 PAIR, WAVES = jp.paper.structures(), jp.paper.ground()
 ELASTIC = jp.ZenerRod(0.5, 0.1, 0.1)
-RESOLVED, FULL = jp.Scheme(), jp.Scheme(history=jp.FullHistory())
+RESOLVED, FULL = jp.Scheme(), jp.Scheme(history=jp.simulation.FullHistory())
 SMOOTHED = jp.Scheme(jp.Smoothed(0.1))
 SCHEMES = RESOLVED, SMOOTHED, jp.PAPER_SCHEME
 STEPS = (0.02, 0.01, 0.005)
@@ -360,7 +360,7 @@ def test_demand_is_the_simulation_s_and_its_intensity_that_of_the_ground():
     record = jp.Record(np.random.default_rng(2).normal(size=60), 0.1, time_unit="1/ω1")
     for ground in (WAVES, lambda t: np.cos(t) - 0.3, 2.0 * record - 0.5 * WAVES):
         demand = jax.jit(lambda x, ground=ground: jp.demand(x, ground, grid, only=only))(PAIR)
-        of_ground = jp.pga(ground, grid), jp.pgv(ground, grid)
+        of_ground = jp.pga(ground, grid), jp.ground.pgv(ground, grid)
         np.testing.assert_allclose((demand.pga, demand.pgv), of_ground, rtol=1e-12)
 
 
@@ -570,7 +570,7 @@ test_bad_grids_schemes_and_arguments_are_named = pytest.mark.unchecked(
         (lambda: jp.ModalHistory(tolerance="a"), f"tolerance = 'a' {REAL}"),
         (jp.Smoothed, "a", f"velocity = 'a' {REAL}"),
         (jp.Scheme, jp.EventResolved, "must be a friction law"),
-        (lambda: jp.Scheme(history=jp.FullHistory), "must be a history"),
+        (lambda: jp.Scheme(history=jp.simulation.FullHistory), "must be a history"),
         (lambda: jp.Scheme(order=3), "order = 3 must be 1 or 2"),
         (lambda: jp.Scheme(start="jump"), "start = 'jump' must be 'rest' or 'paper'"),
         (jp.simulate, "x", WAVES, SHORT, "structures = 'x' must be AdjacentStructures, a System"),

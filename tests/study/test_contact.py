@@ -113,7 +113,7 @@ def beside(gap, contact):
 
 
 def designed(structures):
-    objective = jp.Objective(jp.LeastDemand("peak_x1"))
+    objective = jp.Objective(jp.design.LeastDemand("peak_x1"))
     space, earthquakes = jp.DesignSpace(structures, {"mass_ratio": (0.5, 2.0)}), jp.Ensemble
     return jp.design_damper(space, earthquakes.of([RECORD], GRID), GRID, objective=objective)
 
@@ -130,7 +130,7 @@ STUDIES = {
     "reach_probability": lambda s: jp.reach_probability("friction", 1e-3, drawn(s), **AT_GRID),
     "design_damper": designed,
     "elasticities": lambda s: jp.elasticities(s, RECORD, GRID),
-    "growth": lambda s: jp.growth(s, RECORD, GRID),
+    "growth": lambda s: jp.perturbation_growth(s, RECORD, GRID),
     "simulate": lambda s: jp.simulate(s, RECORD, GRID),
 }
 ANALYSES = {

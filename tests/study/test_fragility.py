@@ -117,12 +117,12 @@ def errors_are_scatter(fits, average, rel):
 
 
 def test_a_curve_in_numbers_needs_no_data():
-    curve, z = jp.Fragility(0.6, 0.4), np.log([0.4 / 0.6])
+    curve, z = jp.study.Fragility(0.6, 0.4), np.log([0.4 / 0.6])
     expected = [0, stats.norm.cdf(z[0] / 0.4), 1]
     np.testing.assert_allclose(curve.probability([0.0, 0.4, np.inf]), expected)
     assert "fitted" not in repr(curve)
     assert np.isnan(curve.band([0.4])).all()
-    known = jp.Fragility(0.6, 0.4, np.diag([0.01, 0.0]))
+    known = jp.study.Fragility(0.6, 0.4, np.diag([0.01, 0.0]))
     low, high = known.band([0.4], 0.9)
     reach = stats.norm.ppf(0.95) * 0.1
     np.testing.assert_allclose(low, stats.norm.cdf((z - reach) / 0.4))
@@ -135,10 +135,13 @@ test_what_cannot_be_fitted_says_why = refusals(
     (lambda: jp.fit_fragility([0.0, 1.0], [0, 1]), "intensity = 0 .* must be positive"),
     (lambda: jp.fit_fragility([1.0, 2.0], [0, 3], [2, 2]), "pounding = 3 .* must be from 0 to"),
     (lambda: jp.fit_fragility([1.0, 2.0], [0, 0], [2, 0]), "trials = 0 .* must be whole"),
-    (lambda: jp.Fragility(-0.6, 0.4), "Fragility: median = -0.6 must be positive"),
-    (lambda: jp.Fragility(0.6, 0.0), "Fragility: dispersion = 0 must be positive"),
-    (lambda: jp.Fragility(0.6, [0.4, 0.5]), r"dispersion of shape \(2,\) must be one number"),
-    (lambda: jp.Fragility(0.6, 0.4, [0.1, 0.1]), r"covariance of shape \(2,\) must be \(2, 2"),
+    (lambda: jp.study.Fragility(-0.6, 0.4), "Fragility: median = -0.6 must be positive"),
+    (lambda: jp.study.Fragility(0.6, 0.0), "Fragility: dispersion = 0 must be positive"),
+    (lambda: jp.study.Fragility(0.6, [0.4, 0.5]), r"dispersion of shape \(2,\) must be one number"),
+    (
+        lambda: jp.study.Fragility(0.6, 0.4, [0.1, 0.1]),
+        r"covariance of shape \(2,\) must be \(2, 2",
+    ),
     (lambda: jp.fit_fragility("im", [0, 1]), "fit_fragility: intensity = 'im' must be a real"),
     (lambda: jp.fit_fragility([1.0, 2.0], ["no", "yes"]), "pounding = .* must be a real"),
     (lambda: jp.fit_fragility(*stripes()).probability(-1.0), "intensity = -1 must be not neg"),

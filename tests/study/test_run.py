@@ -229,7 +229,7 @@ def test_a_study_has_eight_chunks_and_ctrl_c_says_which_are_kept(tmp_path, monke
 def test_samples_are_the_same_in_another_process_on_two_devices(tmp_path):
     chunks = {"n": 2000, "chunk_size": 1000}
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, spawn, jp.use_cores, (2,)) as processes:
+    with ProcessPoolExecutor(1, spawn, jp.runtime.use_cores, (2,)) as processes:
         assert processes.submit(jax.device_count).result() == 2
         samples = study(store=tmp_path / "study", executor=processes, **chunks)
     assert jax.device_count() == 1

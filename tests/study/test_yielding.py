@@ -8,7 +8,7 @@ import jaxpound as jp
 from tests.refusals import refused
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
-LAW = jp.YieldingZener(STEEL, jp.Bilinear(0.1, 0.05, 1.5))
+LAW = jp.model.YieldingZener(STEEL, jp.Bilinear(0.1, 0.05, 1.5))
 BUILDING = jp.Storeys((1.0,), jp.Rod(LAW, 4.0))
 GRID = jp.TimeGrid.until(8.0, 0.1)
 HILLS = np.exp(-(np.subtract.outer(np.arange(0, 8, 0.1), np.arange(1.0, 6.0)) ** 2))

@@ -33,7 +33,7 @@ def gl_weights(order: ArrayLike, n: int) -> Float[Array, "... {n}+1"]:
 
     Examples
     --------
-    >>> jp.gl_weights(0.5, 4).tolist()
+    >>> jp.simulation.gl_weights(0.5, 4).tolist()
     [1.0, -0.5, -0.125, -0.0625, -0.0390625]
     """
     order = jnp.asarray(order, jnp.result_type(order, float))[..., None]

@@ -107,7 +107,7 @@ def test_steps_are_mirrored_continuous_and_of_no_width_stick_where_coulomb_s_law
 @example({"w": 0.1, "a": -1.0, "a_last": -1.0, "rho": 1.0, "mu": 0.0})
 def test_derivatives_are_finite_in_every_case_and_those_of_the_velocity_central_differences(case):
     law = jp.EventResolved()
-    for each in (law, jp.Switching(), jp.Smoothed(1e-3), jp.Smoothed(1e-300)):
+    for each in (law, jp.simulation.Switching(), jp.Smoothed(1e-3), jp.Smoothed(1e-300)):
         for jacobian in jacobians(each, case):
             for name, slope in jacobian.items():
                 assert np.isfinite(slope).all(), (each, name, slope)
@@ -122,7 +122,7 @@ def test_derivatives_are_finite_in_every_case_and_those_of_the_velocity_central_
 
 def test_switching_follows_the_paper_s_table():
     def after(w, a, phase):
-        slip = slide(jp.Switching(), w=w, a=a, a_last=0.0, rho=1.0, mu=0.25, phase=phase)
+        slip = slide(jp.simulation.Switching(), w=w, a=a, a_last=0.0, rho=1.0, mu=0.25, phase=phase)
         return slip.phase, slip.force, slip.velocity
 
     assert after(0.0, 0.4, 0.0) == (0, 0.2, 0)  # is held

@@ -117,7 +117,7 @@ def test_values_and_gradients_are_of_second_order(name):
 def test_before_it_yields_a_rod_is_the_fractional_rod_to_rounding():
     """Bit for bit unless XLA rounds products together with sums, as JAX 0.12 does (2.6e-16)."""
     steel = jp.ZenerRod(0.5, 0.01, 0.05)
-    strong = jp.YieldingZener(steel, jp.Bilinear(1e6, 0.1))
+    strong = jp.model.YieldingZener(steel, jp.Bilinear(1e6, 0.1))
     grid = jp.TimeGrid.until(8.0, 0.05)
     buildings = [jp.Storeys((1.0, 0.8), jp.Rod(law, 4.0)) for law in (steel, strong)]
     plain, yielding = (jp.simulate(building, ONE_GROUND, grid) for building in buildings)
@@ -220,7 +220,7 @@ def test_peak_forces_and_accelerations_are_of_second_order(law):
         "hardening": rod.material,
         "softening": jp.Bilinear(e_y, -0.02, 1.0),
     }
-    damped = jp.YieldingZener(jp.ZenerRod(1.0, 0.001, 0.01), materials["softening"])
+    damped = jp.model.YieldingZener(jp.ZenerRod(1.0, 0.001, 0.01), materials["softening"])
     materials["beside a damper"] = damped
     system = replace(ONE, rods=(replace(rod, material=materials[law]), ONE.rods[1]))
     grid = jp.TimeGrid.until(16 * 16.0, 0.04)

@@ -14,19 +14,21 @@ from tests.reference import convergence_order, load
 from tests.refusals import refusals
 
 ORDERS = [0.05, 0.23, 0.53, 0.8, 0.95]
-MODAL, FULL = jp.ModalHistory(), jp.FullHistory()
-rod_force = jax.jit(jp.rod_force, static_argnames=("dt", "order", "history"))
+MODAL, FULL = jp.ModalHistory(), jp.simulation.FullHistory()
+rod_force = jax.jit(jp.study.rod_force, static_argnames=("dt", "order", "history"))
 
 
 def test_weights_follow_the_gamma_function_and_the_shape_of_the_order():
     j = np.arange(30)
     for order in ORDERS:
         expected = gamma(j - order) / (gamma(-order) * gamma(j + 1))
-        np.testing.assert_allclose(jp.gl_weights(order, 29), expected, rtol=1e-12)
-    np.testing.assert_array_equal(jp.gl_weights(1.0, 4), [1, -1, 0, 0, 0])  # backward difference
-    weights = jp.gl_weights(jnp.array([0.2, 0.7]), 5)
+        np.testing.assert_allclose(jp.simulation.gl_weights(order, 29), expected, rtol=1e-12)
+    np.testing.assert_array_equal(
+        jp.simulation.gl_weights(1.0, 4), [1, -1, 0, 0, 0]
+    )  # backward difference
+    weights = jp.simulation.gl_weights(jnp.array([0.2, 0.7]), 5)
     assert weights.shape == (2, 6)
-    np.testing.assert_allclose(weights[1], jp.gl_weights(0.7, 5), rtol=1e-15)
+    np.testing.assert_allclose(weights[1], jp.simulation.gl_weights(0.7, 5), rtol=1e-15)
 
 
 @pytest.mark.parametrize("rod", ["rod_1", "rod_2"])
@@ -51,7 +53,7 @@ def test_rod_force_solves_the_discrete_zener_law_up_to_its_nyquist_stiffness(ord
     rod, h, k = jp.ZenerRod(0.37, 0.1, 2.0), 0.1, 3.0
     x = np.sin(np.linspace(0, 4, 60)) ** 2
     f = np.asarray(rod_force(rod, x, h, stiffness=k, order=order, history=FULL))
-    w = np.asarray(jp.gl_weights(rod.order, 59))
+    w = np.asarray(jp.simulation.gl_weights(rod.order, 59))
     shift = rod.order / 2 if order == 2 else 0
 
     def derivative(y):
@@ -91,7 +93,7 @@ def modal_weights(history, order, n):
     rates = jnp.concatenate([modes.ahead[:, 1] for modes in kernel])
     weight = jnp.concatenate([modes.weight for modes in kernel])
     later = rates[None] ** (j[:, None] - 5.0) @ weight
-    return jnp.concatenate([jp.gl_weights(order, 4)[1:], later])[:n]
+    return jnp.concatenate([jp.simulation.gl_weights(order, 4)[1:], later])[:n]
 
 
 @pytest.mark.parametrize("n", [2, 3, 7, 100, 1000, 10_000])
@@ -99,7 +101,7 @@ def test_modal_weights_and_their_slopes_keep_the_tolerance_at_every_order(n):
     history = jp.ModalHistory(tolerance=1e-7)
 
     def error(order):
-        return modal_weights(history, order, n) - jp.gl_weights(order, n)[1:]
+        return modal_weights(history, order, n) - jp.simulation.gl_weights(order, n)[1:]
 
     error_and_slope = jax.jit(lambda order: jax.jvp(error, (order,), (1.0,)))
     for order in [*ORDERS, 0.01, 0.99, 1.0]:
@@ -147,7 +149,7 @@ lengths, numbers_of_modes = st.sampled_from([50, 1000]), st.sampled_from([3, 8, 
 def test_the_error_bound_is_never_exceeded_and_can_be_reached(order, n, modes, seed):
     history = jp.ModalHistory(modes=modes)
     bound = history.error_bound(order, n)
-    wrong = modal_weights(history, order, n) - np.asarray(jp.gl_weights(order, n))[1:]
+    wrong = modal_weights(history, order, n) - np.asarray(jp.simulation.gl_weights(order, n))[1:]
     past = np.random.default_rng(seed % 2**32).normal(size=n)
     rounding = 1e-14 * np.abs(past).max()
     assert abs(wrong @ past) <= bound * np.abs(past).max() + rounding
@@ -173,9 +175,9 @@ test_bad_input_is_named = pytest.mark.unchecked(
         (lambda: jp.ModalHistory(modes=2.5), "modes = 2.5 must be a whole number"),
         (lambda: jp.ModalHistory(tolerance=0.0), "tolerance = 0 must be in"),
         (lambda: jp.ModalHistory(tolerance=float("nan")), "tolerance = nan must be in"),
-        (jp.rod_force, ROD, [1, 2], 0.1, "number of samples = 2"),
-        (jp.rod_force, ROD, NINE, 0.0, "dt = 0 must be positive"),
-        (lambda: jp.rod_force(ROD, NINE, 1, order=3), "order = 3 must be"),
-        (jp.rod_force, ROD, [1, np.nan, 1], 1, "displacement = nan"),
+        (jp.study.rod_force, ROD, [1, 2], 0.1, "number of samples = 2"),
+        (jp.study.rod_force, ROD, NINE, 0.0, "dt = 0 must be positive"),
+        (lambda: jp.study.rod_force(ROD, NINE, 1, order=3), "order = 3 must be"),
+        (jp.study.rod_force, ROD, [1, np.nan, 1], 1, "displacement = nan"),
     )
 )

@@ -33,7 +33,7 @@ def run(inputs, history, plan=PLAIN, checkpoint=False):
 
 
 @pytest.mark.parametrize("n", [1, 4, 30, 101])
-@pytest.mark.parametrize("history", [jp.FullHistory(), jp.ModalHistory()])
+@pytest.mark.parametrize("history", [jp.simulation.FullHistory(), jp.ModalHistory()])
 def test_every_plan_takes_the_same_steps(n, history):
     inputs = jnp.asarray(np.random.default_rng(n).normal(size=n + 1))
     end, (carries, seen) = run(inputs, history)
