@@ -85,7 +85,7 @@ def test_a_study_of_a_row_and_its_report(tmp_path):
     assert answers["fragility"]["spectral_acceleration_1"]["unit"] == "m/s²"
     assert "![fragility of links](fragility_of_links.png)" in page
     shown = plots.fragility(drawn["any link"])
-    assert shown.get_xlabel() == "PGA (m/s²)"
+    assert shown.get_xlabel() == str(study.measure("pga")) == "peak ground acceleration (m/s²)"
     assert f"= {answers['fragility']['pga']['median']:.3g} m/s²" in shown.lines[0].get_label()
     for figure in ("min_gap", "required_gap", "fragility_of_links", "correlations", "parameters"):
         assert (out / f"{figure}.png").exists()
