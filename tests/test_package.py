@@ -34,7 +34,7 @@ WINGS = [
     {"_"},  # the helpers at the root: _checks, _fields and so on
     *({"quantities", "grid", "store"}, {"model"}, {"results"}, {"ground"}),
     *({"units", "paper", "scenarios"}, {"buildings"}, {"simulation"}, {"study"}),
-    *({"reliability"}, {"hazard"}, {"design"}, {"plots"}),
+    *({"reliability"}, {"hazard"}, {"design"}, {"plots"}, {"runtime"}),
     {""},  # the package itself: the public names, from wherever they are
     *({"cli"}, {"__main__"}),
 ]
