@@ -225,7 +225,7 @@ def priced(
         "penalties": (jp.design.Penalty, penalties),
     }
     priced: dict[str, dict[str, Any]] = {table: {} for table in tables}
-    allowed = demands.limited_demands(system)
+    allowed = demands.limitable_demands(system)
     if objective.demand is not None:
         _require_price(f"{name}: [objective]", objective.demand, allowed, laws, "demand")
     for table, (kind, prices) in tables.items():

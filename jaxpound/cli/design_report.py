@@ -75,15 +75,15 @@ def summary(
             "answer": [*answer],
             "variables": _variables(design),
             "limits": {
-                price: {
-                    "unit": unit_of(price, si),
+                name: {
+                    "unit": unit_of(name, si),
                     **vars(limit),
-                    "cov": design.events[price].cov if price in design.events else None,
-                    "reached": design.prices[price],
-                    "multiplier": design.multipliers[price],
-                    "active": price in design.active_limits,
+                    "cov": design.events[name].cov if name in design.events else None,
+                    "reached": design.limited_demands[name],
+                    "multiplier": design.multipliers[name],
+                    "active": name in design.active_limits,
                 }
-                for price, limit in design.objective_function.limits.items()
+                for name, limit in design.objective_function.limits.items()
             },
             "gradient_within_bounds": design.gradient_norm,
             "winner": design.winner + 1,

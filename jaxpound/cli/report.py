@@ -137,7 +137,7 @@ def summary(
         separation = study.separation(float(p))
         gap |= {rule: getattr(separation, rule) for rule in RULES}
         correlation = separation.correlation
-    for name in (x for x in study.told() if x != "pounds"):
+    for name in (x for x in study.shown_columns() if x != "pounds"):
         moments, finite = study.moments(name), study.finite(name)
         if not finite.size and not is_pair(study):  # the gap of a damper without one
             continue

@@ -85,9 +85,8 @@ def _of_building(
 
 def _of_bearing(bearing: Any, displacement: float) -> dict[str, Any]:
     """Bearings as a spring and a dashpot, at the largest displacement of the base."""
-    period = bearing.period if isinstance(bearing, jp.LeadRubber) else bearing.period()
     return {
-        "restoring_period_s": float(period),
+        "restoring_period_s": float(bearing.period),
         "displacement_m": displacement,
         "damping_ratio": float(bearing.damping_ratio(displacement)) if displacement else None,
     }

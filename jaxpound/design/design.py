@@ -177,7 +177,7 @@ class SearchHistory(NamedTuple):
     """Goal less penalties, shape (k, s): iterations and starts."""
     violation: np.ndarray
     """Largest relative excess over a limit, shape (k, s)."""
-    prices: np.ndarray
+    limited_demands: np.ndarray
     """Limited demands, shape (k, s, m); probabilities as the search approximates them."""
     shares: np.ndarray
     """Scaled variables (0 to 1 between the bounds), shape (k, s, d)."""
@@ -189,9 +189,9 @@ class SearchHistory(NamedTuple):
         """The iterates of a search, stacked."""
         points = jax.tree.map(lambda *rows: np.array(rows), *[x.here for x in iterates])
         reached = [limit.reached(points.limited[..., i]) for i, limit in enumerate(limits)]
-        prices = np.stack(reached, axis=-1) if limits else points.limited
+        limited_demands = np.stack(reached, axis=-1) if limits else points.limited
         alive = np.array([iterate.alive for iterate in iterates])
-        return cls(points.objective, points.violation, prices, points.scaled, alive)
+        return cls(points.objective, points.violation, limited_demands, points.scaled, alive)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -200,7 +200,7 @@ class Design(Shown):
 
     objective_function: Objective
     history: SearchHistory
-    prices: dict[str, float]
+    limited_demands: dict[str, float]
     """Limited demands, by name; of a limit with a probability the estimated probability."""
     active_bounds: dict[str, str]
     """Variables at an active bound, "low" or "high": the objective would be better beyond it."""
@@ -267,7 +267,8 @@ class Design(Shown):
         return tuple(
             demand
             for demand, limit in self.objective_function.limits.items()
-            if limit.limited(self.prices[demand]) / limit.bound > 1 - 2 * self.limit_tolerance
+            if limit.limited(self.limited_demands[demand]) / limit.bound
+            > 1 - 2 * self.limit_tolerance
         )
 
     @property
@@ -341,7 +342,7 @@ class Design(Shown):
             name = limit.event(demand) if is_rare else demand
             demand_unit = "" if is_rare else unit_of(demand, si)
             active = "active limit" if demand in self.active_limits else ""
-            limits.append((name, self.prices[demand], limit.most, demand_unit, active))
+            limits.append((name, self.limited_demands[demand], limit.most, demand_unit, active))
         if limits:
             tables.append(TextTable("limits", ("", "reached", "at most", "unit", ""), limits))
         for words, comparison in (("trained on", self.trained), ("fresh:", self.fresh)):

@@ -225,7 +225,7 @@ class Objective:
         """Demands whose probability is limited, by name, in the order of the limits."""
         return tuple(name for name, x in self.limits.items() if x.probability is not None)
 
-    def prices(self, demands: Mapping[str, Any], rare: Any = ()) -> jax.Array:
+    def limited_demands(self, demands: Mapping[str, Any], rare: Any = ()) -> jax.Array:
         """The limited numbers in the order of the limits, (m,), from columns of demands by name.
 
         ``rare`` are those of the limited probabilities (``Limit.limited``), in their order.

@@ -22,7 +22,7 @@ from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.model.system import Structures
 from jaxpound.quantities import unit
-from jaxpound.results.named import in_words, limited_demands, unit_of
+from jaxpound.results.named import in_words, limitable_demands, unit_of
 from jaxpound.simulation.scheme import Scheme
 
 if TYPE_CHECKING:
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
 class ParetoFront(Shown):
     """Designs that do not dominate each other in objective and limited demand, in its order."""
 
-    price: str
+    limited_demand: str
     over: str | float
     designs: tuple[Design, ...]
     infeasible: tuple[float, ...]
     """Limits for which no design was found."""
 
     @property
-    def prices(self) -> np.ndarray:
+    def limited_demands(self) -> np.ndarray:
         """The limited demand of each design, shape (k,)."""
-        return np.array([design.prices[self.price] for design in self.designs])
+        return np.array([design.limited_demands[self.limited_demand] for design in self.designs])
 
     @property
     def objectives(self) -> np.ndarray:
@@ -51,12 +51,15 @@ class ParetoFront(Shown):
 
     def _tables(self) -> list[TextTable]:
         first = self.designs[0]
-        demand_unit = unit_of(self.price, first.trained.si)
+        demand_unit = unit_of(self.limited_demand, first.trained.si)
         symbol = unit(first.objective_function.quantity, first.trained.si)
         objective = f"objective ({symbol})" if symbol else "objective"
-        words = in_words(self.price, first.trained.topology)
+        words = in_words(self.limited_demand, first.trained.topology)
         columns = (f"{words} ({demand_unit})", objective, *first.space.names)
-        rows = [(x.prices[self.price], x.objective, *x.values.values()) for x in self.designs]
+        rows = [
+            (x.limited_demands[self.limited_demand], x.objective, *x.values.values())
+            for x in self.designs
+        ]
         notes = [f"no design for a limit of {x:.5g} {demand_unit}" for x in self.infeasible]
         return [TextTable(f"Pareto front of {len(self.designs)} designs", columns, rows, notes)]
 
@@ -68,7 +71,7 @@ def pareto_front(
     scheme: Scheme = Scheme(),
     objective: Objective = Objective(),
     *,
-    price: str,
+    limited_demand: str,
     over: str | float = "mean",
     points: int = 8,
     limits: Sequence[float] | None = None,
@@ -83,13 +86,13 @@ def pareto_front(
 
     Every search starts where the one before ended, and at other points, by one compiled program.
 
-    Raises ``ValueError`` as in ``design_damper``; if price is unknown or limited already.
+    Raises ``ValueError`` as in ``design_damper``; if limited_demand is unknown or limited already.
 
     Parameters
     ----------
     space, ensemble, grid, scheme, objective, start, starts, key, iterations, optimiser
         See ``design_damper``.
-    price, over
+    limited_demand, over
         Name of the demand to be limited, and its statistic (see ``Limit``); the objective must not
         limit it.
     points
@@ -103,14 +106,18 @@ def pareto_front(
     owner = "pareto_front"
     instance(owner, "objective", objective, Objective)
     instance(owner, "space", space, DesignSpace)
-    require_one_of(owner, price, limited_demands(space.nominal.system()), "price")
-    if price in objective.limits:
-        raise InvalidInput(owner, "price", repr(price), "must not be limited by the objective")
+    require_one_of(
+        owner, limited_demand, limitable_demands(space.nominal.system()), "limited_demand"
+    )
+    if limited_demand in objective.limits:
+        raise InvalidInput(
+            owner, "limited_demand", repr(limited_demand), "must not be limited by the objective"
+        )
     points = count(owner, "points", points)
     if limits is not None:
         limits = np.sort(np.ravel(real(owner, "limits", list(limits))))[::-1].tolist()
         positive(owner, limits=np.asarray(limits))
-    all_limits = {**objective.limits, price: Limit(NO_LIMIT, over)}
+    all_limits = {**objective.limits, limited_demand: Limit(NO_LIMIT, over)}
     limited = dataclasses.replace(objective, limits=all_limits)
 
     def report(where: Progress) -> None:
@@ -129,7 +136,10 @@ def pareto_front(
         begin_search(points if limits is None else 1 + len(limits))
         free = designer.design(start)
         if limits is None:  # below its demand, the last that is limited, down to its iterates'
-            reached, most = free.history.prices[..., -1], free.prices[price]
+            reached, most = (
+                free.history.limited_demands[..., -1],
+                free.limited_demands[limited_demand],
+            )
             reached = reached[np.isfinite(reached) & (reached > 0)]
             least = min(reached.min(initial=np.inf), most)
             even = np.linspace(most, least, points)[1:].tolist() if least > 0 else []
@@ -138,12 +148,12 @@ def pareto_front(
         for i, limit in enumerate(limits):
             begin_search(len(limits) - i)
             try:
-                designs.append(designer.design(designs[-1].values, limits={price: limit}))
+                designs.append(designer.design(designs[-1].values, limits={limited_demand: limit}))
             except InfeasibleError:
                 infeasible.append(float(limit))
         begin_search(0)
     front: list[Design] = []  # the undominated designs, in the order of the limited demand
-    for design in sorted(designs, key=lambda x: (x.prices[price], -x.objective)):
+    for design in sorted(designs, key=lambda x: (x.limited_demands[limited_demand], -x.objective)):
         if not front or design.objective > front[-1].objective:
             front.append(design)
-    return ParetoFront(price, over, tuple(front), tuple(infeasible))
+    return ParetoFront(limited_demand, over, tuple(front), tuple(infeasible))

@@ -24,7 +24,7 @@ from jaxpound.ground.run_input import require_time_unit
 from jaxpound.model.system import Link, common_gap, gravity_of, in_si, is_closable
 from jaxpound.reliability.result import RareEvent
 from jaxpound.results.elements import of_link
-from jaxpound.results.named import inertances, limited_demands, limited_values, viscous_forces
+from jaxpound.results.named import inertances, limitable_demands, limited_values, viscous_forces
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
 
@@ -145,7 +145,7 @@ class DesignProblem:
     @cached_property
     def limitable(self) -> tuple[str, ...]:
         """Names of the demands of the structures that may be limited or penalised."""
-        return limited_demands(self.space.nominal.system())
+        return limitable_demands(self.space.nominal.system())
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
@@ -175,7 +175,7 @@ class DesignProblem:
 
     def limited(self, scaled: Any, columns: Mapping[str, Any], rare: LogRatios) -> Any:
         """The limited numbers of a design with these columns of demands, (m,)."""
-        return self.objective.prices(columns, list(1 + rare.at(scaled)))
+        return self.objective.limited_demands(columns, list(1 + rare.at(scaled)))
 
     def evaluate(self, scaled: np.ndarray, ensemble: Ensemble) -> dict[str, np.ndarray]:
         """Columns of demands at a design, shape (n,) each; one program for all designs."""

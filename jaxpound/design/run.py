@@ -205,7 +205,7 @@ class Designer:
         design = Design(
             objective_function=function,
             history=SearchHistory.of(result.history, [*limits_of.values()]),
-            prices=reached,
+            limited_demands=reached,
             active_bounds={names[i]: ends[i] for i in np.flatnonzero(at_bound)},
             gradient=dict(zip(names, (-size * gradient).tolist(), strict=True)),
             multipliers=dict(zip(limits_of, (size * multipliers).tolist(), strict=True)),

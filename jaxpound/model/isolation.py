@@ -55,7 +55,7 @@ class FrictionPendulum(BatchInSI):
     Examples
     --------
     >>> bearing = jp.FrictionPendulum(radius=2.24, friction=0.06)
-    >>> round(float(bearing.period()), 3), round(float(bearing.damping_ratio(0.2)), 3)
+    >>> round(float(bearing.period), 3), round(float(bearing.damping_ratio(0.2)), 3)
     (3.003, 0.256)
     """
 
@@ -75,10 +75,10 @@ class FrictionPendulum(BatchInSI):
             object.__setattr__(self, "rate", 50.0)
         super().__post_init__()
 
-    def period(self, gravity: Any = STANDARD_GRAVITY) -> Any:
+    @property
+    def period(self) -> Any:
         """Period of the building as a pendulum, 2π √(R/g), s: it does not depend on the mass."""
-        (gravity,) = positive("FrictionPendulum.period", gravity=gravity)
-        return 2 * jnp.pi * jnp.sqrt(self.radius / gravity)
+        return 2 * jnp.pi * jnp.sqrt(self.radius / STANDARD_GRAVITY)
 
     def damping_ratio(self, displacement: Any) -> Any:
         """Equivalent viscous damping ratio in slow cycles to ±``displacement``, m.

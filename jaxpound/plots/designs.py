@@ -122,7 +122,9 @@ def _violation_with_the_design(
     x, y = np.union1d(x, x_design), np.union1d(y, y_design)
     violation = between(tuple(np.meshgrid(even(drawn.y, y), even(drawn.x, x), indexing="ij")))
     limits = design.objective_function.limits.items()
-    at_design = [limit.limited(design.prices[name]) / limit.bound - 1 for name, limit in limits]
+    at_design = [
+        limit.limited(design.limited_demands[name]) / limit.bound - 1 for name, limit in limits
+    ]
     violation[np.searchsorted(y, y_design), np.searchsorted(x, x_design)] = max(at_design)
     return x, y, violation
 
@@ -153,11 +155,11 @@ def pareto(front: ParetoFront, ax: Axes | None = None) -> Axes:
     ax = new_axes(ax)
     loosest = front.designs[0]
     over = front.over if isinstance(front.over, str) else f"worst {front.over:.0%}"
-    largest, si = float(front.prices.max()), loosest.trained.si
-    kind, x_words = kind_and_symbol(front.price, loosest.trained.topology)
+    largest, si = float(front.limited_demands.max()), loosest.trained.si
+    kind, x_words = kind_and_symbol(front.limited_demand, loosest.trained.topology)
     factor, x_words = house.with_unit(f"{x_words}, {over}", kind, si, largest)
     objective_factor, y_words = _objective_axis(loosest, float(np.abs(front.objectives).max()))
-    x, y = factor * front.prices, objective_factor * front.objectives
+    x, y = factor * front.limited_demands, objective_factor * front.objectives
     ax.plot(x, y, "o-", color=COLOURS["damper"], markersize=3)
     label(ax, x_words, y_words)
     return ax

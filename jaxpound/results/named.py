@@ -133,7 +133,7 @@ def is_zero_by_newton(name: str) -> bool:
     return getattr(place_of(Demand, name), "field", None) in forces_and_depth
 
 
-def limited_demands(system: System) -> tuple[str, ...]:
+def limitable_demands(system: System) -> tuple[str, ...]:
     """Names of the demands of a system that a design may limit or penalise.
 
     Scalars of ``Demand`` by flat name, ``residual_offset`` by its absolute value; the slip forces
@@ -178,8 +178,8 @@ _PAIR = System((1.0, 1.0), _RODS, (Link((0, 1), gap=1.0, contact=Newton(1.0)),))
 PAIR = _PAIR.topology
 """Two adjacent structures."""
 
-LIMITED_OF_PAIR = limited_demands(_PAIR)
-"""``limited_demands`` of two adjacent structures with a law of contact."""
+LIMITABLE_OF_PAIR = limitable_demands(_PAIR)
+"""``limitable_demands`` of two adjacent structures with a law of contact."""
 
 
 def over_all(system: System, demand: Demand) -> dict[str, Any]:
@@ -218,7 +218,7 @@ def limited_values(
     viscous: Sequence[Any] = (),
     of_inerters: Sequence[Any] = (),
 ) -> dict[str, Any]:
-    """The ``limited_demands`` of a run by name, among other scalars.
+    """The ``limitable_demands`` of a run by name, among other scalars.
 
     ``slip_forces`` are those of the links, ``viscous`` are the ``viscous_forces`` and
     ``of_inerters`` the ``inertances``, in the units of the demand.
@@ -258,7 +258,7 @@ def require_limited(owner: str, name: Any, place: str) -> None:
     """An ``InvalidInput`` for no limited demand of any system; ``place`` follows its name."""
     quantity = quantity_named(name) if isinstance(name, str) else None
     if quantity is None or not quantity.limited:
-        limited = (*LIMITED_OF_PAIR, _ALL_DAMPERS, _INERTANCE, *OF_FLOORS, *OF_YIELDING)
+        limited = (*LIMITABLE_OF_PAIR, _ALL_DAMPERS, _INERTANCE, *OF_FLOORS, *OF_YIELDING)
         raise InvalidInput(owner, "", "", f"unknown demand {name!r}{place}; {hint(name, limited)}")
 
 

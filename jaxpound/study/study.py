@@ -260,7 +260,7 @@ class Study(DemandColumns):
             for name, x in self.parameters().items()
         }
 
-    def told(self) -> list[str]:
+    def shown_columns(self) -> list[str]:
         """Columns that tables show: no parameters of scenarios, no slip without friction."""
         names = [name for name in self.columns if name not in self.about["identity"]["parameters"]]
         return without_idle_dampers(names, lambda name: self._moments[name].largest)
@@ -277,7 +277,7 @@ class Study(DemandColumns):
 
     def _tables(self) -> list[TextTable]:
         rows: list[Any] = []
-        for name in self.told():
+        for name in self.shown_columns():
             m, words = self.moments(name), in_words(name, self.stored_topology)
             rows.append((name, m.mean, m.std, m.smallest, m.largest, self.unit(name), words))
         units = "SI" if self.si else "dimensionless"

@@ -52,7 +52,7 @@ def test_the_smallest_gap_within_a_limit_of_the_impulse():
     assert (np.diff(impulses) < 0).all()
     expected = np.interp(-limit, -impulses, gaps)
     assert found.values["initial_gap"] == pytest.approx(expected, rel=0.01)
-    assert found.prices["peak_impulse"] <= limit * (1 + 1e-3)
+    assert found.limited_demands["peak_impulse"] <= limit * (1 + 1e-3)
     assert found.objective == pytest.approx(-found.values["initial_gap"])
     rows = found.trained.rows()
     for name in ("peak_impulse", "contact_work"):

@@ -19,7 +19,7 @@ from jaxpound.cli.design_report import summary
 from jaxpound.design import search as design_search
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.problem import DesignProblem
-from jaxpound.results.named import LIMITED_OF_PAIR, kind_of
+from jaxpound.results.named import LIMITABLE_OF_PAIR, kind_of
 from tests.made import OF_CONTACT
 from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
@@ -57,7 +57,7 @@ def stand_in(monkeypatch):
         def demands(self, structures, ground):
             system, a = structures.system(), ground.amplitude[0]
             friction, mass_ratio = system.links[0].friction, system.masses[0] / system.masses[1]
-            values = dict.fromkeys(LIMITED_OF_PAIR, friction)
+            values = dict.fromkeys(LIMITABLE_OF_PAIR, friction)
             values |= {"peak_x1": mass_ratio, "initial_gap": 2.0}
             values |= {"min_gap": gap(friction, mass_ratio, a)}
             return {name: jnp.asarray(x, float) for name, x in values.items()}
@@ -113,7 +113,7 @@ def test_known_optima(stand_in, objective, more, optimum, within):
         assert found.values[path] == pytest.approx(value, abs=within)
     if objective is WORST:  # its optimum is between the extremes
         assert found.objective == pytest.approx(1 - 0.2**2, abs=3e-3)
-    assert found.prices.get("damper_force", 0.0) <= 0.9
+    assert found.limited_demands.get("damper_force", 0.0) <= 0.9
 
 
 def test_bounds_that_hold_the_optimum_are_active(stand_in):
@@ -142,11 +142,11 @@ def test_the_winner_is_polished_and_its_limit_is_worth_its_multiplier(stand_in):
     assert fine.values == pytest.approx({"mass_ratio": 1.5, "friction": 0.6}, abs=1e-4)
     assert fine.simulations > rough.simulations
     limited = search(LIMITED, iterations=20)
-    assert limited.prices["damper_force"] <= 0.5 * 1.001
+    assert limited.limited_demands["damper_force"] <= 0.5 * 1.001
     assert limited.values == pytest.approx({"mass_ratio": 1.5, "friction": 0.5}, abs=1e-3)
     # At friction ≤ 0.5 the objective is 0.01 lower; a relative ease of it earns 0.5 · 2 · 0.1.
     kept = search(LIMITED, iterations=200, patience=200)
-    assert kept.prices["damper_force"] <= 0.5 * 1.001
+    assert kept.limited_demands["damper_force"] <= 0.5 * 1.001
     assert kept.values["friction"] == pytest.approx(0.5, rel=1e-3)
     assert kept.values["mass_ratio"] == pytest.approx(1.5, abs=5e-3)
     assert kept.multipliers["damper_force"] == pytest.approx(0.1, rel=1e-2)
@@ -176,12 +176,12 @@ def test_parts_of_the_ensemble_find_the_whole_s_optimum(stand_in):
 
 
 def test_single_precision_searches_too(stand_in):
-    more = {"price": "damper_force", "limits": [0.5, 0.3], "starts": 2, "iterations": 40}
+    more = {"limited_demand": "damper_force", "limits": [0.5, 0.3], "starts": 2, "iterations": 40}
     with jax.enable_x64(False):
         found, front = search(LIMITED), jp.pareto_front(SPACE, ENSEMBLE, GRID, **more)
     assert found.history.objective.dtype == np.float32
     assert found.values["friction"] == pytest.approx(0.5, rel=2e-3)
-    np.testing.assert_allclose(front.prices, [0.3, 0.5, 0.6], rtol=1e-2)
+    np.testing.assert_allclose(front.limited_demands, [0.3, 0.5, 0.6], rtol=1e-2)
     assert_survives_pickling((found, found.trained, front))
     assert front.designs[0].objective_function.limits["damper_force"].at_most == pytest.approx(0.3)
     assert not front.designs[-1].objective_function.limits
@@ -296,7 +296,7 @@ def test_si_units_are_those_of_the_demands():
     plain = demands(SPACE, made, ground, GRID)
     space = jp.DesignSpace(pair, {"links.0.friction": (0.0, 2 * force)})
     si = demands(space, pair, same, jp.TimeGrid(GRID.dt * time, GRID.n_steps))
-    names = {"min_gap", "initial_gap", "damper_force", *LIMITED_OF_PAIR} - {*OF_CONTACT}
+    names = {"min_gap", "initial_gap", "damper_force", *LIMITABLE_OF_PAIR} - {*OF_CONTACT}
     assert names == plain.keys() == si.keys()
     for name in names:  # of kinds that tests/test_quantities.py states
         unit = float(scales.units[kind_of(name)])
@@ -314,7 +314,7 @@ def test_limits_and_penalties_are_in_si_units_too(stand_in):
     assert "(SI)" in repr(found.trained)
     shown = assert_shown(found)
     at = shown.index("damper_force")
-    assert shown[at + 1 : at + 4] == [f"{found.prices['damper_force']:.5g}", "0.5", "N"]
+    assert shown[at + 1 : at + 4] == [f"{found.limited_demands['damper_force']:.5g}", "0.5", "N"]
     before, after = found.start["links.0.friction"], found.values["links.0.friction"]
     at = shown.index("links.0.friction")
     assert shown[at + 3] == f"{100 * (after / before - 1):+.3g} %"
@@ -459,13 +459,13 @@ def test_a_front_of_limits_runs_one_program(stand_in, monkeypatch):
     programs = []
     make = AugmentedLagrangian.begin
     monkeypatch.setattr(AugmentedLagrangian, "begin", lambda a, x: programs.append(a) or make(a, x))
-    more = {"price": "damper_force", "limits": [0.5, 0.2, 0.35], "starts": 2}
+    more = {"limited_demand": "damper_force", "limits": [0.5, 0.2, 0.35], "starts": 2}
     front = jp.pareto_front(SPACE, ENSEMBLE, GRID, **more)
     first, *others = programs
     assert others == [first] * 3
     assert first.gradient._cache_size() == first.update._cache_size() == 1
-    np.testing.assert_allclose(front.prices, [0.2, 0.35, 0.5, 0.6], rtol=5e-3)
-    best = 1 - np.mean(AMPLITUDES**2) - (0.6 - front.prices) ** 2
+    np.testing.assert_allclose(front.limited_demands, [0.2, 0.35, 0.5, 0.6], rtol=5e-3)
+    best = 1 - np.mean(AMPLITUDES**2) - (0.6 - front.limited_demands) ** 2
     np.testing.assert_allclose(front.objectives, best, atol=2e-4)
     assert (np.diff(front.objectives) > 0).all()
     shown = assert_shown(front)
@@ -474,7 +474,7 @@ def test_a_front_of_limits_runs_one_program(stand_in, monkeypatch):
         "slip force of the damper (m1 g)",
         "objective (g/ω1²)",
     ]
-    numbers = [front.prices[0], front.objectives[0], *front.designs[0].values.values()]
+    numbers = [front.limited_demands[0], front.objectives[0], *front.designs[0].values.values()]
     assert shown[5:9] == [f"{x:.5g}" for x in numbers]
 
 
@@ -482,17 +482,20 @@ def test_a_front_ends_where_limits_cannot_be_met(stand_in):
     space = jp.DesignSpace(PAPER, {"friction": (0.3, 1.0), "mass_ratio": (0.5, 2.5)})
     front_of = partial(jp.pareto_front, space, ENSEMBLE, GRID)
     more = {"start": {"friction": 0.5, "mass_ratio": 1.0}, "starts": 2, "iterations": 40}
-    more["price"] = "damper_force"
+    more["limited_demand"] = "damper_force"
     assert front_of(limits=[0.4, 0.2], over="worst", **more).infeasible == (0.2,)
-    prices = front_of(points=4, **more).prices
-    assert prices.max() == pytest.approx(0.6, abs=0.01)
-    assert 0.3 <= prices.min() < 0.5
+    limited_demands = front_of(points=4, **more).limited_demands
+    assert limited_demands.max() == pytest.approx(0.6, abs=0.01)
+    assert 0.3 <= limited_demands.min() < 0.5
     limited = jp.Objective(limits={"peak_f1": 1.0})
     for change, message in (
-        ({"price": "peak_f3"}, "price = 'peak_f3' must be one of"),
-        ({"price": "peak_f1", "points": 0}, "points = 0 must be"),
-        ({"price": "peak_f1", "limits": [-1.0]}, "limits = -1 "),
-        ({"price": "peak_f1", "objective": limited}, "must not be limited by the objective"),
+        ({"limited_demand": "peak_f3"}, "limited_demand = 'peak_f3' must be one of"),
+        ({"limited_demand": "peak_f1", "points": 0}, "points = 0 must be"),
+        ({"limited_demand": "peak_f1", "limits": [-1.0]}, "limits = -1 "),
+        (
+            {"limited_demand": "peak_f1", "objective": limited},
+            "must not be limited by the objective",
+        ),
     ):
         refused(message, front_of, **change)
 
@@ -500,7 +503,7 @@ def test_a_front_ends_where_limits_cannot_be_met(stand_in):
 @pytest.mark.parametrize("limits", [None, [0.5, 0.01]])
 def test_a_front_shows_one_bar_for_all_its_searches(limits, stand_in, capsys):
     space = jp.DesignSpace(PAPER, {"friction": (0.2, 1.0)})
-    front_of = partial(jp.pareto_front, space, ENSEMBLE, GRID, price="damper_force")
+    front_of = partial(jp.pareto_front, space, ENSEMBLE, GRID, limited_demand="damper_force")
     refused("starts = 0", front_of, starts=0)
     assert capsys.readouterr().err == ""
     more = {"limits": limits, "points": 2, "starts": 1, "iterations": 5}

@@ -1,4 +1,4 @@
-"""Goals, prices and limits against their definitions."""
+"""Goals, penalties and limits against their definitions."""
 
 import jax
 import jax.numpy as jnp
@@ -82,7 +82,7 @@ def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
     columns = {k: jnp.asarray(v) for k, v in columns.items()} | {"damper_force": jnp.full(50, 0.2)}
     value = float(objective.value(columns))
     assert value == pytest.approx(GAPS.mean() - 0.5 * f.mean() - 2 * x.max())
-    np.testing.assert_allclose(objective.prices(columns), [0.2, f.mean()])
+    np.testing.assert_allclose(objective.limited_demands(columns), [0.2, f.mean()])
     assert objective.limits["damper_force"] == Limit(0.3, "worst")
     demands = {"peak_drift": jnp.asarray(np.abs(GAPS))}
     for over in ("mean", "worst", 0.1):
@@ -93,7 +93,7 @@ def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
     assert not objective.needs_gap
     assert Objective(LeastDemand("peak_acceleration_2")).quantity == "acceleration"
     assert objective.size({"peak_drift": jnp.zeros(3)}) == 1.0
-    assert objective.prices(demands).shape == (0,)
+    assert objective.limited_demands(demands).shape == (0,)
 
 
 NEGATIVE = "total_damper_force = -1 must be positive and fin"

@@ -8,7 +8,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.design.problem import DesignProblem
-from jaxpound.results.named import LIMITED_OF_PAIR, limited_demands
+from jaxpound.results.named import LIMITABLE_OF_PAIR, limitable_demands
 from tests.refusals import refused
 from tests.study.test_demands import GRID, OPEN, SYSTEM, linked
 
@@ -29,19 +29,19 @@ def test_prices_are_those_that_the_system_has():
     assert {"damper_force", "peak_x2", "peak_f2", "slip_distance"} <= {*without}
     assert not of_contact & {*without}
     touching = dataclasses.replace(paper, contact=jp.Newton(0.65))
-    assert problem(touching, {"contact.restitution": (0.5, 0.8)}).limitable == LIMITED_OF_PAIR
-    assert {*LIMITED_OF_PAIR} - {*without} == of_contact
-    several = limited_demands(linked(0.3, 0.3))
+    assert problem(touching, {"contact.restitution": (0.5, 0.8)}).limitable == LIMITABLE_OF_PAIR
+    assert {*LIMITABLE_OF_PAIR} - {*without} == of_contact
+    several = limitable_demands(linked(0.3, 0.3))
     assert {"peak_x4", "peak_f4", "slip_distance_2"} <= {*several}
     assert {"damper_force_1", "damper_force_2", "total_damper_force"} <= {*several}
     assert not {"damper_force", "slip_distance", "peak_x5", "peak_drift"} & {*several}
     first, second = linked(0.3, 0.3).links
     second = dataclasses.replace(second, contact=jp.Newton(0.65))
     mixed = dataclasses.replace(linked(0.3, 0.3), links=(first, second))
-    own = {f"{name}_2" for name in {*LIMITED_OF_PAIR} - {*without}}
-    assert {*limited_demands(mixed)} - {*several} == own | largest
-    assert {"peak_drift", "peak_acceleration"} <= {*limited_demands(SYSTEM)}
-    every = limited_demands(mixed)
+    own = {f"{name}_2" for name in {*LIMITABLE_OF_PAIR} - {*without}}
+    assert {*limitable_demands(mixed)} - {*several} == own | largest
+    assert {"peak_drift", "peak_acceleration"} <= {*limitable_demands(SYSTEM)}
+    every = limitable_demands(mixed)
     assert [*jp.Objective(limits=dict.fromkeys(every, 1.0)).limits] == [*every]
 
 
@@ -54,7 +54,7 @@ def test_a_system_is_designed():
     assert found.structures.links[0].friction == friction
     runs = [jp.demand(found.structures, ENSEMBLE.ground(i), GRID) for i in range(2)]
     after = found.trained.after
-    assert list(after) == ["min_gap", "initial_gap", *limited_demands(SYSTEM)]
+    assert list(after) == ["min_gap", "initial_gap", *limitable_demands(SYSTEM)]
     for name in ("min_gap", "peak_x3", "peak_f2", "slip_distance"):
         wanted = [getattr(run, name) for run in runs]
         np.testing.assert_allclose(after[name], wanted, rtol=1e-9, err_msg=name)

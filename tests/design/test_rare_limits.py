@@ -54,7 +54,7 @@ def narrow(tmp_path_factory):
 
 def test_the_design_pounds_as_seldom_as_wanted_and_is_an_optimum(narrow):
     design, _ = narrow
-    reached = design.prices["required_gap"]
+    reached = design.limited_demands["required_gap"]
     assert reached == design.events["required_gap"].probability
     assert reached == pytest.approx(SELDOM, rel=0.1)
     random = dataclasses.replace(RODS, nominal=design.structures)
@@ -84,12 +84,12 @@ def test_a_stopped_search_goes_on(narrow, monkeypatch):
 
     monkeypatch.setattr(jp.LimitState, "values_and_times", run)
     again = designed(objective(probability=SELDOM), save=save, start=NEAR)
-    assert (again.values, again.prices) == (design.values, design.prices)
+    assert (again.values, again.limited_demands) == (design.values, design.limited_demands)
 
 
 def test_a_landscape_knows_the_probability_at_the_design(narrow):
     design, _ = narrow
-    log_ratio = np.log(design.prices["required_gap"] / SELDOM)
+    log_ratio = np.log(design.limited_demands["required_gap"] / SELDOM)
     drawn = design.landscape("friction", "initial_gap", n=5)
     assert np.isfinite(drawn.violation).all()
     assert drawn.violation.min() < log_ratio < drawn.violation.max()
@@ -123,7 +123,7 @@ def test_the_least_damper_for_one_in_ten_millions_of_a_gap_in_metres():
     assert design.multipliers["required_gap"] == pytest.approx(in_newtons, rel=0.1)
     event = design.events["required_gap"]
     assert event.limit_state.threshold == pytest.approx(closing)
-    assert design.prices["required_gap"] == event.probability
+    assert design.limited_demands["required_gap"] == event.probability
 
 
 def test_no_design_is_rare_enough():

@@ -77,7 +77,7 @@ def test_a_budget_is_placed_where_it_is_best(design, placements):
     np.testing.assert_allclose(found, where, atol=0.06)  # the grid's spacing is 0.05
     assert design.objective >= gap - 1e-9
     assert float(mean_gap(found[None])[0]) == pytest.approx(design.objective, rel=1e-9)
-    assert design.prices["total_damper_force"] == pytest.approx(BUDGET, rel=1e-3)
+    assert design.limited_demands["total_damper_force"] == pytest.approx(BUDGET, rel=1e-3)
     assert design.multipliers["total_damper_force"] > 0
     after = design.trained.after
     np.testing.assert_allclose(after["damper_force_2"], found[1])
@@ -135,7 +135,7 @@ def test_a_budget_of_inertance_is_placed_where_it_is_best():
     path = "links.*.inerter.inertance"
     design, mean = placed(path, "total_inertance", with_inerters, earthquakes, jp.Scheme())
     inertances = sum(design.values.values())
-    assert design.prices["total_inertance"] == pytest.approx(inertances, rel=1e-6)
+    assert design.limited_demands["total_inertance"] == pytest.approx(inertances, rel=1e-6)
     placements = mean(SHARES)
     assert placements.max() - placements.min() > 0.01
     assert design.objective >= placements.max() - 1e-3
@@ -155,9 +155,11 @@ def test_a_budget_of_viscous_dampers_is_placed_where_it_is_best():
 
 
 def test_a_front_over_budgets(design, placements):
-    budgets = {"price": "total_damper_force", "over": "worst", "limits": [BUDGET, 0.6]}
+    budgets = {"limited_demand": "total_damper_force", "over": "worst", "limits": [BUDGET, 0.6]}
     front = jp.pareto_front(SPACE, EARTHQUAKES, GRID, **budgets, **SEARCH)
-    within = {round(float(x), 2): y for x, y in zip(front.prices, front.objectives, strict=True)}
+    within = {
+        round(float(x), 2): y for x, y in zip(front.limited_demands, front.objectives, strict=True)
+    }
     for budget in (0.6, BUDGET):
         assert within[budget] >= best_within(placements, budget)[1] - 1e-9
     assert within[BUDGET] == pytest.approx(design.objective, rel=1e-4)

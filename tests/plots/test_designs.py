@@ -53,8 +53,8 @@ def test_landscape_has_the_path_and_the_design_within_its_limit(limited, ax):
     assert {ax.get_xlabel(), ax.get_ylabel()} == {r"mass ratio $\rho$", r"friction $\mu$"}
     seen = limited.landscape("friction", "mass_ratio", 6)
     friction, ratio = limited.values["friction"], limited.values["mass_ratio"]
-    price = 0.5 * (seen.x_values / friction) ** 8
-    ax = plots.landscape(limited, new_axes(), seen._replace(violation=price / 0.5 - 1))
+    excess = 0.5 * (seen.x_values / friction) ** 8
+    ax = plots.landscape(limited, new_axes(), seen._replace(violation=excess / 0.5 - 1))
     ax.figure.canvas.draw()
     (shaded,) = (c for c in ax.collections if "limit" not in str(c.get_label()) and c.get_fill())
     paths = [path for path in shaded.get_paths() if len(path)]
@@ -72,11 +72,11 @@ def test_before_and_after_are_distributions_and_a_front_its_prices_and_objective
     stand_in(lambda mu, rho, a: bowl(mu, rho, a) - 0.9)
     ax = plots.before_and_after(search(iterations=40).trained, new_axes())
     assert any(label.startswith("pounding") for label in ax.get_legend_handles_labels()[1])
-    more = {"price": "damper_force", "limits": [0.5, 0.3], "starts": 2, "iterations": 40}
+    more = {"limited_demand": "damper_force", "limits": [0.5, 0.3], "starts": 2, "iterations": 40}
     front = jp.pareto_front(SPACE, ENSEMBLE, GRID, **more)
     ax = plots.pareto(front, new_axes())
     x, y = ax.lines[0].get_data()
-    np.testing.assert_array_equal(x, front.prices)
+    np.testing.assert_array_equal(x, front.limited_demands)
     np.testing.assert_array_equal(y, front.objectives)
     assert ax.get_xlabel() == "slip force, mean ($m_1 g$)"
 

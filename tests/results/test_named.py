@@ -18,7 +18,7 @@ ROW = row_of((3, 2), LINKS)
 def test_every_limited_demand_has_a_value_a_unit_and_words(structures):
     system, time = structures.system(), np.linspace(0, 2, 9)
     run = row_response(structures, time, lambda i, t: 0.1 * (i + 1) * t)
-    names = named.limited_demands(system)
+    names = named.limitable_demands(system)
     assert len(set(names)) == len(names)
     frictions = [link.friction for link in system.links]
     assert {*names} <= {*named.limited_values(system, run.demand, frictions)}
