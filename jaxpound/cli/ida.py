@@ -15,6 +15,7 @@ from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sen
 from jaxpound.cli.reading import Count, File, Range, Section, between, named, refused, says
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import SampleInterval, require_threshold
+from jaxpound.hazard.ida import FRACTILES
 from jaxpound.results.named import demand_in_words
 from jaxpound.simulation.time_steps import natural_periods, record_grid
 
@@ -193,10 +194,10 @@ def summary(
         **file.origin,
         "target": of_target,
         "measure": analysis.measure,
-        "demand": demand_in_words(analysis.demand, analysis.si, analysis.topology),
+        "demand": demand_in_words(analysis.demand, True, analysis.topology),
         "threshold": analysis.threshold,
         "intensities": analysis.intensities.tolist(),
-        "fractiles": dict(zip(("0.16", "0.5", "0.84"), analysis.fractiles().tolist(), strict=True)),
+        "fractiles": dict(zip(map(str, FRACTILES), analysis.fractiles().tolist(), strict=True)),
         "capacities": by_name(analysis.capacities),
         "factors": by_name(analysis.factors),
         "returning": list(analysis.returning),
