@@ -194,7 +194,7 @@ def summary(
         **file.origin,
         "target": of_target,
         "measure": analysis.measure,
-        "demand": demand_in_words(analysis.demand, True, analysis.topology),
+        "demand": demand_in_words(analysis.demand, analysis.topology),
         "threshold": analysis.threshold,
         "intensities": analysis.intensities.tolist(),
         "fractiles": dict(zip(map(str, FRACTILES), analysis.fractiles().tolist(), strict=True)),

@@ -296,7 +296,7 @@ def tables(result: RareResult) -> list[TextTable]:
     config, (of_event,) = result.config, result.event._tables()
     parts = [of_event._replace(title=f"Rare event: {config.event}")]
     if result.curve:
-        words = demand_in_words(config.limit.demand_name, True, config.buildings.system().topology)
+        words = demand_in_words(config.limit.demand_name, config.buildings.system().topology)
         columns = (words, "probability", "95 % from", "to", "by FORM", "runs", "gradients")
         rows, notes = [], []
         for threshold, event in result.curve.items():

@@ -100,7 +100,7 @@ class Cloud(Shown):
         values = (self.intercept, self.slope, self.dispersion)
         names = ("intercept a", "slope b", "dispersion σ")
         n, bounds = len(self.intensity), int(self.censored.sum())
-        words = named.demand_in_words(self.name, True, self.topology)
+        words = named.demand_in_words(self.name, self.topology)
         notes = [f"{words} of {n} records over {self.measure}"]
         notes += [f"of {bounds} only a lower bound is known"] if bounds else []
         rows = list(zip(names, values, map(float, errors), strict=True))

@@ -89,7 +89,7 @@ class IncrementalDynamicAnalysis(Shown):
             (name, im, *((c, factor) if np.isfinite(c) else (above, "-")))
             for name, (im, c, factor) in zip(self.names, numbers, strict=True)
         ]
-        words = demand_in_words(self.demand, True, self.topology)
+        words = demand_in_words(self.demand, self.topology)
         n, reached = len(rows), int(np.isfinite(self.capacities).sum())
         capacity = f"first crossing on the ladder of {len(self.intensities)} intensities, refined"
         notes = [f"intensity: {self.measure}; demand: {words}, threshold {self.threshold:.4g}"]

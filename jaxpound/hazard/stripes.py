@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from os import PathLike
 from typing import Any
@@ -57,7 +58,7 @@ class Stripes(Shown):
     def _tables(self) -> list[TextTable]:
         data = zip(self.intensities, self.trials, self.pounding, self.demands, strict=True)
         rows = [(f"{im:.4g}", int(n), int(k), float(np.median(x))) for im, n, k, x in data]
-        words = demand_in_words(self.demand, True, self.topology)
+        words = demand_in_words(self.demand, self.topology)
         columns = (self.measure, "records", "reach the threshold", f"median {words}")
         notes = [f"threshold {self.threshold:.4g}"]
         if fall := falls(self.intensities, self.pounding, self.trials):
@@ -99,23 +100,22 @@ def multiple_stripes(
     if len(suites) != levels.size:
         rule = f"must be {levels.size}, one an intensity"
         raise InvalidInput(owner, f"{len(suites)} suites", "", rule)
+    sizes = [len(suite) for suite in suites]
     numbers: dict[int, int] = {}
     different: dict[str, Record] = {}  # each with a name of its own
-    for record in (record for suite in suites for record in suite):
+    for record in itertools.chain(*suites):
         if id(record) not in numbers:
             numbers[id(record)], name = len(different), record.name
             while name in different:
                 name += ", another"
             same = {"doubts": record.doubts, "measured": record.measured}
             different[name] = derived(record.samples, record.dt, name, record.time_unit, **same)
-    rows_of = [np.array([numbers[id(record)] for record in suite]) for suite in suites]
-    highest = np.zeros(len(different))
-    for rows, level in zip(rows_of, levels, strict=True):
-        highest[rows] = level
+    rows = np.array([numbers[id(record)] for record in itertools.chain(*suites)])
+    at, highest = np.repeat(levels, sizes), np.zeros(len(different))
+    np.maximum.at(highest, rows, at)
     options = grid, measure, demand, threshold, scheme, strict, highest
     analysis = Analysis(owner, structures, RecordSuite(tuple(different.values())), *options)
-    runs, sizes = SuiteRuns(analysis, store, progress), [rows.size for rows in rows_of]
+    runs = SuiteRuns(analysis, store, progress)
     with runs.bar:
-        demands, _ = runs.run(np.concatenate(rows_of), np.repeat(levels, sizes))
-    parts = np.split(demands, np.cumsum(sizes)[:-1])
-    return Stripes(levels, tuple(parts), *analysis.about)
+        demands, _ = runs.run(rows, at)
+    return Stripes(levels, tuple(np.split(demands, np.cumsum(sizes)[:-1])), *analysis.about)
