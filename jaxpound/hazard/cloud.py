@@ -194,7 +194,7 @@ def cloud_analysis(
         positive_number(owner, threshold=threshold)
     options = grid, measure, demand, threshold, scheme, strict
     analysis = Analysis(owner, structures, as_suite(owner, records), *options)
-    limit_state, name, words, topology = analysis.about
+    level, name, words, topology = analysis.about
     if name == named.OVERLAP:
         rule = "must be a gap: those at rest of the links differ, and overlaps have no logarithm"
         raise InvalidInput(owner, "threshold", "None", rule)
@@ -202,5 +202,5 @@ def cloud_analysis(
     with runs.bar:
         demands, _ = runs.run(np.arange(len(im)), im)
     cloud = fit_cloud(im, demands, limit, measure=words)
-    positive_threshold = limit_state if limit_state > 0 else None  # the gap at rest may be 0
-    return dataclasses.replace(cloud, name=name, threshold=positive_threshold, topology=topology)
+    threshold = level if level > 0 else None  # the gap at rest may be 0
+    return dataclasses.replace(cloud, name=name, threshold=threshold, topology=topology)

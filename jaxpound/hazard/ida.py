@@ -202,10 +202,12 @@ def incremental_dynamic_analysis(
     enforce(owner, [Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "from 1e-9 to below 1")])
     suite, options = as_suite(owner, records), (measure, demand, threshold, scheme, strict)
     analysis = Analysis(owner, structures, suite, grid, *options, levels[-1])
-    runs, n, with_zero = SuiteRuns(analysis, store, progress), len(suite), np.append(0.0, levels)
+    runs = SuiteRuns(analysis, store, progress)
+    n, with_zero = len(suite), np.append(0.0, levels)
     with runs.bar:
         demands, _ = runs.run(np.repeat(np.arange(n), with_zero.size), np.tile(with_zero, n))
-        excess = (demands := demands.reshape(n, -1)) - runs.threshold
+        demands = demands.reshape(n, -1)
+        excess = demands - runs.threshold
         if (excess[:, 0] >= 0).any():
             rule = f"must be above {demands[:, 0].max():.6g}, what the demand is without shaking"
             raise InvalidInput(owner, "threshold", f"{runs.threshold:.6g}", rule)
@@ -275,7 +277,8 @@ def by_sections(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: in
 
 def by_newton(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: int) -> np.ndarray:
     """Newton's method by the intensity; a step that would leave the bracket halves it instead."""
-    pending = np.flatnonzero(np.isfinite(im := brackets.chord()))
+    im = brackets.chord()
+    pending = np.flatnonzero(np.isfinite(im))
     for _ in range(_MOST_ROUNDS):
         if not pending.size:
             break

@@ -27,7 +27,7 @@ from jaxpound.ground.plausibility import LARGE_PGA, unseen
 from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.run_input import require_time_unit
 from jaxpound.ground.suite import RecordSuite
-from jaxpound.model.system import Structures, common_gap, without_contact
+from jaxpound.model.system import common_gap, without_contact
 from jaxpound.results import named
 from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
 from jaxpound.simulation.run import demand
@@ -58,9 +58,9 @@ class Intensity(NamedTuple):
 class Analysis:
     """Buildings, records that are scaled, intensity and demand: what is run for any fragility.
 
-    ``owner`` is the function that was called, whose errors they are; ``highest`` the largest
-    intensity of each record, or of all, and None where records are unscaled. All else is as of
-    ``incremental_dynamic_analysis``.
+    Arguments are as of ``incremental_dynamic_analysis``; ``owner`` is the function that was called,
+    for errors, ``highest`` the largest intensity of each record, or of all; None: unscaled records.
+    Where pounding is sought, ``structures`` are without laws of contact.
     """
 
     owner: str
@@ -81,6 +81,8 @@ class Analysis:
             raise InvalidInput(owner, "structures", type(self.structures).__name__, rule)
         single_system(owner, self.structures)
         instance(owner, "scheme", self.scheme, Scheme)
+        if self.event[0] in (REQUIRED_GAP, OVERLAP):
+            object.__setattr__(self, "structures", without_contact(self.structures))
         for record in self.records:
             require_time_unit(f"{owner}: records", record, si=True)
         require_stable(self.structures, self.scheme, self.time_grid.dt)
@@ -136,17 +138,11 @@ class Analysis:
         name, threshold = self.event
         return threshold, name, self.intensity.words, self.structures.system().topology
 
-    @property
-    def _structures_as_run(self) -> Structures:
-        """Without laws of contact where pounding is sought."""
-        is_pounding = self.event[0] in (REQUIRED_GAP, OVERLAP)
-        return without_contact(self.structures) if is_pounding else self.structures
-
     def _doubts(self) -> list[str]:
         """Findings of what is implausible, or not resolved."""
         suite, highest, unscaled = self.records, self.highest, self.intensity.unscaled
         factors = np.ones(len(suite)) if highest is None else highest / unscaled
-        findings = imprecise(self._structures_as_run.system(), self.time_grid, factors)
+        findings = imprecise(self.structures.system(), self.time_grid, factors)
         for record in suite:
             findings += unseen(record, self.time_grid, strict=self.strict)
         if (peaks := suite.pgas * factors).max() > LARGE_PGA:
@@ -159,10 +155,10 @@ class Analysis:
         """The demand of a record, by its number, times a factor; traceable."""
         # Padded with zeros: the ground is at rest after a record.
         samples, interval = (jnp.asarray(x)[record] for x in stacked([*self.records]))
-        structures, ground = self._structures_as_run, factor * Record(samples, interval)
-        result = demand(structures, ground, self.time_grid, self.scheme)
+        ground = factor * Record(samples, interval)
+        result = demand(self.structures, ground, self.time_grid, self.scheme)
         spec = self.event[0] if isinstance(self.demand, str) else self.demand
-        return named.value_of(self.owner, structures.system(), result, spec)
+        return named.value_of(self.owner, self.structures.system(), result, spec)
 
     def value_and_slope(self, record: Any, factor: Any) -> Any:
         """``value`` and its derivative by the factor."""
@@ -171,9 +167,9 @@ class Analysis:
     def description(self) -> dict[str, Any]:
         """What determines the results of its runs, for a store."""
         search = "runs of a suite", _COLUMNS, _ROWS, program_digest(self.value, 0, 1.0)
-        runs: dict[str, Any] = {"demand": self.event[0], "records": stacked([*self.records])}
-        runs |= {"structures": self._structures_as_run, "grid": self.time_grid}
-        return identity(*search, **runs, scheme=self.scheme)
+        inputs: dict[str, Any] = {"demand": self.event[0], "records": stacked([*self.records])}
+        inputs |= {"structures": self.structures, "grid": self.time_grid, "scheme": self.scheme}
+        return identity(*search, **inputs)
 
 
 class SuiteRuns:

@@ -243,7 +243,8 @@ def fit_fragility(
     (a, b), information = _maximise(z, weight * hits, weight * runs, np.array([-z.mean(), 1.0]))
     spread = np.linalg.inv(information)
     if w is not None:
-        rise, fall = inverse_mills_ratio(eta := a + b * z), inverse_mills_ratio(-eta)
+        eta = a + b * z
+        rise, fall = inverse_mills_ratio(eta), inverse_mills_ratio(-eta)
         squares = weight**2 * (hits * rise**2 + (runs - hits) * fall**2)
         x = np.stack([np.ones_like(z), z])
         spread = spread @ (x * squares) @ x.T @ spread
