@@ -105,18 +105,12 @@ def run(args: argparse.Namespace) -> None:
         figures["fragility"] = drawn(ida.fragility, analysis)
         tables += curve._tables()
     parts = [VERSION, *tables, *map(sentence, remarks)]
-    numbers = (analysis.unscaled, analysis.capacities, analysis.factors)
-    capacities = zip(analysis.names, *(x.tolist() for x in numbers), strict=True)
-    curves = [
-        (name, im, demand)
-        for name, demands in zip(analysis.names, analysis.demands.tolist(), strict=True)
-        for im, demand in zip(analysis.intensities.tolist(), demands, strict=True)
-    ]
-    columns = ("record", "intensity_as_it_is", "capacity", "factor")
-    files = {
-        "capacities.csv": csv_text(columns, capacities),
-        "curves.csv": csv_text(("record", "intensity", "demand"), curves),
-    }
+    capacities = {"record": analysis.names, "intensity_as_it_is": analysis.unscaled}
+    capacities |= {"capacity": analysis.capacities, "factor": analysis.factors}
+    n, k = analysis.demands.shape
+    curves = {"record": np.repeat(analysis.names, k), "intensity": np.tile(analysis.intensities, n)}
+    curves |= {"demand": analysis.demands.ravel()}
+    files = {"capacities.csv": csv_text(capacities), "curves.csv": csv_text(curves)}
     answers = summary(file, suite, scaled, analysis, curve)
     write_report(args, answers, "Incremental dynamic analysis", parts, figures, files)
 
