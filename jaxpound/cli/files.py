@@ -158,12 +158,13 @@ def sentence(note: str) -> str:
     return f"{note[0].upper()}{note[1:].removesuffix('.')}."
 
 
-def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
-    """A table as CSV; cells of numbers that are not finite, and of None, are empty."""
+def csv_text(columns: Mapping[str, Any]) -> str:
+    """Columns by name as CSV; cells of numbers that are not finite, and of None, are empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows(json_safe([*row]) for row in rows)
+    lists = (x.tolist() if hasattr(x, "tolist") else x for x in columns.values())
+    writer.writerows(json_safe([*row]) for row in zip(*lists, strict=True))
     return text.getvalue()
 
 

@@ -167,9 +167,8 @@ def run(args: argparse.Namespace) -> None:
         f"{interval}; the hazard curve is taken as known."
     )
     bands = risk.deaggregation
-    numbers = (bands.edges[:-1], bands.edges[1:], bands.rate, bands.share, bands.cov)
-    rows = zip(*(x.tolist() for x in numbers), strict=True)
-    text = files.csv_text(("from", "to", "annual_rate", "share", "cov"), rows)
+    columns = {"from": bands.edges[:-1], "to": bands.edges[1:], "annual_rate": bands.rate}
+    text = files.csv_text({**columns, "share": bands.share, "cov": bands.cov})
     parts, csv = [files.VERSION, *parts, remark], {"deaggregation.csv": text}
     files.write_report(args, summary(file, risk), "Pounding in a lifetime", parts, figures, csv)
 

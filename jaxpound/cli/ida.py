@@ -15,6 +15,7 @@ from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sen
 from jaxpound.cli.reading import Count, File, Range, Section, between, named, refused, says
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import SampleInterval, require_threshold
+from jaxpound.hazard.ida import FRACTILES
 from jaxpound.results.named import demand_in_words
 from jaxpound.simulation.time_steps import natural_periods, record_grid
 
@@ -104,18 +105,12 @@ def run(args: argparse.Namespace) -> None:
         figures["fragility"] = drawn(ida.fragility, analysis)
         tables += curve._tables()
     parts = [VERSION, *tables, *map(sentence, remarks)]
-    numbers = (analysis.unscaled, analysis.capacities, analysis.factors)
-    capacities = zip(analysis.names, *(x.tolist() for x in numbers), strict=True)
-    curves = [
-        (name, im, demand)
-        for name, demands in zip(analysis.names, analysis.demands.tolist(), strict=True)
-        for im, demand in zip(analysis.intensities.tolist(), demands, strict=True)
-    ]
-    columns = ("record", "intensity_as_it_is", "capacity", "factor")
-    files = {
-        "capacities.csv": csv_text(columns, capacities),
-        "curves.csv": csv_text(("record", "intensity", "demand"), curves),
-    }
+    capacities = {"record": analysis.names, "intensity_as_it_is": analysis.unscaled}
+    capacities |= {"capacity": analysis.capacities, "factor": analysis.factors}
+    n, k = analysis.demands.shape
+    curves = {"record": np.repeat(analysis.names, k), "intensity": np.tile(analysis.intensities, n)}
+    curves |= {"demand": analysis.demands.ravel()}
+    files = {"capacities.csv": csv_text(capacities), "curves.csv": csv_text(curves)}
     answers = summary(file, suite, scaled, analysis, curve)
     write_report(args, answers, "Incremental dynamic analysis", parts, figures, files)
 
@@ -193,10 +188,10 @@ def summary(
         **file.origin,
         "target": of_target,
         "measure": analysis.measure,
-        "demand": demand_in_words(analysis.demand, analysis.si, analysis.topology),
+        "demand": demand_in_words(analysis.demand, analysis.topology),
         "threshold": analysis.threshold,
         "intensities": analysis.intensities.tolist(),
-        "fractiles": dict(zip(("0.16", "0.5", "0.84"), analysis.fractiles().tolist(), strict=True)),
+        "fractiles": dict(zip(map(str, FRACTILES), analysis.fractiles().tolist(), strict=True)),
         "capacities": by_name(analysis.capacities),
         "factors": by_name(analysis.factors),
         "returning": list(analysis.returning),

@@ -232,7 +232,7 @@ def report_result(args: argparse.Namespace, file: File, result: RareResult) -> N
     answers = summary(file, result)
     figures, files, remarks = {}, {}, []
     if curve := answers["curve"]:
-        files["curve.csv"] = csv_text([*curve[0]], (row.values() for row in curve))
+        files["curve.csv"] = csv_text({key: [row[key] for row in curve] for key in curve[0]})
     if len(result.event.design_points):
         figures["design_earthquake"] = drawn(plots.design_earthquake, result.event)
         first, state = result.event.design_earthquakes[0], result.event.limit_state
@@ -296,7 +296,7 @@ def tables(result: RareResult) -> list[TextTable]:
     config, (of_event,) = result.config, result.event._tables()
     parts = [of_event._replace(title=f"Rare event: {config.event}")]
     if result.curve:
-        words = demand_in_words(config.limit.demand_name, True, config.buildings.system().topology)
+        words = demand_in_words(config.limit.demand_name, config.buildings.system().topology)
         columns = (words, "probability", "95 % from", "to", "by FORM", "runs", "gradients")
         rows, notes = [], []
         for threshold, event in result.curve.items():

@@ -169,7 +169,7 @@ def envelope(buildings: jp.Buildings, response: jp.Response) -> str:
     storeys = [_of_storey(response.demand.rods[mass]) for x in floors for mass in x.masses]
     for key in _columns(RodDemand, "yielding").values() if any(storeys) else ():
         columns[key] = [float(storey.get(key, np.nan)) for storey in storeys]
-    return csv_text([*columns], zip(*columns.values(), strict=True))
+    return csv_text(columns)
 
 
 def lines(results: dict[str, Any], checked_floors: str = "") -> list[str]:

@@ -3,7 +3,7 @@
 ``curve`` is a site's hazard curve, ``points`` its points and their files; ``annual_rate`` is the
 rate of pounding that follows from it. ``ida`` scales records until a demand reaches its threshold;
 ``stripes`` and ``cloud`` are the two other ways from records to a fragility, which ``capacities``
-fits. ``suite_runs`` checks what they share, and runs their records.
+fits. ``suite_runs`` has the ``Analysis`` that they share, which checks itself, and its runs.
 """
 
 import lazy_loader

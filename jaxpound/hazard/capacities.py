@@ -10,7 +10,7 @@ from scipy.special import log_ndtr
 
 from jaxpound._checks import Rule, array, enforce
 from jaxpound._errors import InvalidInput
-from jaxpound.study.fragility import Fragility, maximum
+from jaxpound.study.fragility import Fragility, inverse_mills_ratio, maximum
 
 
 def fit_capacities(
@@ -63,10 +63,10 @@ def fit_capacities(
         raise InvalidInput(owner, "capacities", "", rule)
     line = regression(np.ones((n, 1)), np.log(np.where(reached, im, limits)), ~reached)
     above = f", {n - m} more above what was analysed" if n > m else ""
-    median, data = float(np.exp(line.coefficients[0])), (finite, np.arange(1, m + 1), np.full(m, n))
-    curve = Fragility(median, line.sigma, line.covariance, *data, measure=measure)
+    curve = float(np.exp(line.coefficients[0])), line.sigma, line.covariance
+    data = finite, np.arange(1, m + 1), np.full(m, n)
     source, event = f"from {m} capacities{above}", "reaching the threshold"
-    return dataclasses.replace(curve, source=source, event=event)
+    return Fragility(*curve, *data, measure=measure, source=source, event=event)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ def regression(x: np.ndarray, y: np.ndarray, censored: np.ndarray) -> CensoredRe
     def derivatives(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         z = rows @ c
         beyond = z[outer]
-        fall = np.exp(-(beyond**2) / 2 - np.log(2 * np.pi) / 2 - log_ndtr(-beyond))
+        fall = inverse_mills_ratio(-beyond)
         slope = -rows[inner].T @ z[inner] - rows[outer].T @ fall
         information = rows[inner].T @ rows[inner]
         information += (rows[outer].T * (fall * (fall - beyond))) @ rows[outer]

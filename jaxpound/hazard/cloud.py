@@ -14,8 +14,9 @@ from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
+from jaxpound.ground.suite import as_suite
 from jaxpound.hazard.capacities import CensoredRegression, regression
-from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
+from jaxpound.hazard.suite_runs import Analysis, SuiteRuns
 from jaxpound.model.topology import Topology
 from jaxpound.results import named
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
@@ -41,8 +42,6 @@ class Cloud(Shown):
     """Name of the demand."""
     measure: str = "intensity"
     """The measure of intensity, with its unit."""
-    si: bool = False
-    """Whether demands are in SI units."""
     threshold: float | None = None
     """The threshold of the analysis, in the demand's unit, if there was one."""
     topology: Topology | None = None
@@ -93,7 +92,7 @@ class Cloud(Shown):
             measure=self.measure,
             source=f"from the regression of {reached.size} demands, {reached.sum()} of them at "
             "least the threshold",
-            event=named.event_in_words(self.name, threshold, self.si, self.topology),
+            event=named.event_in_words(self.name, threshold, True, self.topology),
         )
 
     def _tables(self) -> list[TextTable]:
@@ -101,7 +100,7 @@ class Cloud(Shown):
         values = (self.intercept, self.slope, self.dispersion)
         names = ("intercept a", "slope b", "dispersion σ")
         n, bounds = len(self.intensity), int(self.censored.sum())
-        words = named.demand_in_words(self.name, self.si, self.topology)
+        words = named.demand_in_words(self.name, self.topology)
         notes = [f"{words} of {n} records over {self.measure}"]
         notes += [f"of {bounds} only a lower bound is known"] if bounds else []
         rows = list(zip(names, values, map(float, errors), strict=True))
@@ -193,15 +192,15 @@ def cloud_analysis(
     owner = "cloud_analysis"
     if threshold is not None:
         positive_number(owner, threshold=threshold)
-    options = structures, records, grid, measure, demand, threshold, scheme, strict
-    runs = SuiteRuns(owner, AnalysisOptions(*options), store, progress)
-    if runs.demand == named.OVERLAP:
+    options = grid, measure, demand, threshold, scheme, strict
+    analysis = Analysis(owner, structures, as_suite(owner, records), *options)
+    level, name, words, topology = analysis.about
+    if name == named.OVERLAP:
         rule = "must be a gap: those at rest of the links differ, and overlaps have no logarithm"
         raise InvalidInput(owner, "threshold", "None", rule)
-    im = runs.intensity.unscaled
+    im, runs = analysis.intensity.unscaled, SuiteRuns(analysis, store, progress)
     with runs.bar:
-        demands = runs.demands(np.arange(len(im)), im)
-    cloud = fit_cloud(im, demands, limit, measure=runs.intensity.words)
-    threshold = runs.threshold if runs.threshold > 0 else None  # the gap at rest may be 0
-    about: Any = {"si": True, "threshold": threshold, "topology": runs.topology}
-    return dataclasses.replace(cloud, name=runs.demand, **about)
+        demands, _ = runs.run(np.arange(len(im)), im)
+    cloud = fit_cloud(im, demands, limit, measure=words)
+    threshold = level if level > 0 else None  # the gap at rest may be 0
+    return dataclasses.replace(cloud, name=name, threshold=threshold, topology=topology)

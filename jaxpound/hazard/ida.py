@@ -15,10 +15,10 @@ from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
-from jaxpound.hazard import suite_runs
+from jaxpound.ground.suite import as_suite
 from jaxpound.hazard.capacities import fit_capacities
 from jaxpound.hazard.stripes import Stripes
-from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
+from jaxpound.hazard.suite_runs import Analysis, SuiteRuns, rising_intensities
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec, demand_in_words, event_in_words
 from jaxpound.simulation.scheme import Scheme
@@ -49,8 +49,6 @@ class IncrementalDynamicAnalysis(Shown):
     """Name of the demand."""
     measure: str
     """The measure of intensity, with its unit."""
-    si: bool
-    """Whether demands are in SI units."""
     topology: Topology | None = None
 
     @property
@@ -61,7 +59,7 @@ class IncrementalDynamicAnalysis(Shown):
     @property
     def stripes(self) -> Stripes:
         """The demands by intensity, for ``fit_fragility``."""
-        about = self.threshold, self.demand, self.measure, self.si, self.topology
+        about = self.threshold, self.demand, self.measure, self.topology
         return Stripes(self.intensities, tuple(self.demands.T), *about)
 
     @property
@@ -81,7 +79,7 @@ class IncrementalDynamicAnalysis(Shown):
     def fragility(self) -> Fragility:
         """Lognormal fragility from the capacities, by ``fit_capacities``, with its errors."""
         curve = fit_capacities(self.capacities, self.intensities[-1], measure=self.measure)
-        event = event_in_words(self.demand, self.threshold, self.si, self.topology)
+        event = event_in_words(self.demand, self.threshold, True, self.topology)
         return dataclasses.replace(curve, event=event)
 
     def _tables(self) -> list[TextTable]:
@@ -91,7 +89,7 @@ class IncrementalDynamicAnalysis(Shown):
             (name, im, *((c, factor) if np.isfinite(c) else (above, "-")))
             for name, (im, c, factor) in zip(self.names, numbers, strict=True)
         ]
-        words = demand_in_words(self.demand, self.si, self.topology)
+        words = demand_in_words(self.demand, self.topology)
         n, reached = len(rows), int(np.isfinite(self.capacities).sum())
         capacity = f"first crossing on the ladder of {len(self.intensities)} intensities, refined"
         notes = [f"intensity: {self.measure}; demand: {words}, threshold {self.threshold:.4g}"]
@@ -196,108 +194,101 @@ def incremental_dynamic_analysis(
     (0.076, 0.308)
     """
     owner = "incremental_dynamic_analysis"
-    levels = suite_runs.rising_intensities(owner, intensities)
+    levels = rising_intensities(owner, intensities)
     if refine not in _REFINEMENTS:
         rule = f"unknown refine = {refine!r}; {hint(refine, _REFINEMENTS)}"
         raise InvalidInput(owner, "", "", rule)
     tolerance = float(number(owner, "tolerance", tolerance))
     enforce(owner, [Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "from 1e-9 to below 1")])
-    options = structures, records, grid, measure, demand, threshold, scheme, strict
-    runs = SuiteRuns(owner, AnalysisOptions(*options), store, progress, levels[-1])
-    n, with_zero = len(runs.suite), np.append(0.0, levels)
+    suite, options = as_suite(owner, records), (measure, demand, threshold, scheme, strict)
+    analysis = Analysis(owner, structures, suite, grid, *options, levels[-1])
+    runs = SuiteRuns(analysis, store, progress)
+    n, with_zero = len(suite), np.append(0.0, levels)
     with runs.bar:
-        rows = np.repeat(np.arange(n), with_zero.size)
-        demands = runs.demands(rows, np.tile(with_zero, n)).reshape(n, -1)
+        demands, _ = runs.run(np.repeat(np.arange(n), with_zero.size), np.tile(with_zero, n))
+        demands = demands.reshape(n, -1)
         excess = demands - runs.threshold
         if (excess[:, 0] >= 0).any():
             rule = f"must be above {demands[:, 0].max():.6g}, what the demand is without shaking"
             raise InvalidInput(owner, "threshold", f"{runs.threshold:.6g}", rule)
         brackets = Brackets.of(with_zero, excess)
-
-        def show_progress(pending: np.ndarray) -> None:
-            done, widest = n - np.unique(pending).size, brackets.width()[pending].max()
-            runs.bar.set_postfix_str(f"{done} of {n} records, brackets within {widest:.2g}")
-
-        runs.before_batch = show_progress
         capacities = _REFINEMENTS[refine](runs, brackets, tolerance, demands.size)
         runs.bar.set_postfix_str(f"{n} of {n} records")
-    return IncrementalDynamicAnalysis(
-        *(runs.suite.names, runs.intensity.unscaled, levels, demands[:, 1:], capacities),
-        *(runs.threshold, runs.demand, runs.intensity.words, True, runs.topology),
-    )
+    numbers = analysis.intensity.unscaled, levels, demands[:, 1:], capacities
+    return IncrementalDynamicAnalysis(suite.names, *numbers, *analysis.about)
 
 
 @dataclasses.dataclass
 class Brackets:
     """For each record the intensities between which its demand crosses the threshold.
 
-    ``below`` and ``above`` are the demands there, less the threshold. A record whose demand never
-    reaches it has no bracket: ``high`` is infinite.
+    ``excess`` is the demand at both, less the threshold. A record whose demand never reaches it has
+    no bracket: its upper end is infinite.
     """
 
-    low: Float[np.ndarray, " n"]
-    high: Float[np.ndarray, " n"]
-    below: Float[np.ndarray, " n"]
-    above: Float[np.ndarray, " n"]
+    ends: Float[np.ndarray, "n 2"]
+    excess: Float[np.ndarray, "n 2"]
 
     @classmethod
     def of(cls, levels: Any, excess: Float[np.ndarray, "n k"]) -> Brackets:
-        """Around the first level at which the demand reaches the threshold, but level 0."""
-        reached = excess >= 0
-        rows, first = np.arange(len(excess)), np.maximum(reached.argmax(axis=1), 1)
-        high = np.where(reached.any(axis=1), levels[first], np.inf)
-        return cls(levels[first - 1], high, excess[rows, first - 1], excess[rows, first])
+        """Around the first level at which the demand reaches the threshold, but level 0.
 
-    @property
-    def crossing(self) -> np.ndarray:
-        """Numbers of the records that have a bracket."""
-        return np.flatnonzero(np.isfinite(self.high))
+        ``levels`` are those of all records, shape (k,), or of each, shape (n, k).
+        """
+        first = np.maximum((excess >= 0).argmax(axis=1), 1)
+        both = first[:, None] + [-1, 0]
+        ends = np.take_along_axis(np.broadcast_to(levels, excess.shape), both, axis=1)
+        at_ends = np.take_along_axis(excess, both, axis=1)
+        ends[at_ends[:, 1] < 0, 1] = np.inf
+        return cls(ends, at_ends)
 
     def chord(self) -> Float[np.ndarray, " n"]:
         """Where the straight line between both ends of a bracket crosses; infinite without one."""
-        intensity = np.full(len(self.low), np.inf)
-        i = self.crossing
-        share = -self.below[i] / (self.above[i] - self.below[i])
-        intensity[i] = self.low[i] + share * (self.high[i] - self.low[i])
-        return intensity
+        (low, high), (below, above) = self.ends.T, self.excess.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = low - below / (above - below) * (high - low)
+        return np.where(np.isfinite(high), crossing, np.inf)
 
     def width(self) -> Float[np.ndarray, " n"]:
         """Width of each bracket over its upper end; 0 where there is none."""
-        return np.where(np.isfinite(self.high), 1 - self.low / self.high, 0.0)
+        low, high = self.ends.T
+        return np.where(np.isfinite(high), 1 - low / high, 0.0)
 
-    def narrow(self, i: Any, intensity: Any, excess: Any) -> None:
-        """Narrow the brackets i by one point inside each."""
-        beyond = excess >= 0
-        for end, value, x in ((self.high, self.above, beyond), (self.low, self.below, ~beyond)):
-            end[i[x]], value[i[x]] = intensity[x], excess[x]
+    def progress(self, pending: np.ndarray) -> str:
+        """In words, with the numbers of the records whose brackets are still to be narrowed."""
+        n, widest = len(self.ends), self.width()[pending].max()
+        return f"{n - pending.size} of {n} records, brackets within {widest:.2g}"
 
 
 def by_sections(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: int) -> np.ndarray:
     """Bisection by many points: ``batch`` runs a round, as many as fill a batch of runs."""
     while (wide := np.flatnonzero(brackets.width() > tolerance)).size:
+        runs.bar.set_postfix_str(brackets.progress(wide))
         n = max(1, batch // wide.size)
-        low, high = brackets.low[wide, None], brackets.high[wide, None]
+        low, high = brackets.ends[wide].T[..., None]
         points = low + np.arange(n + 2) / (n + 1) * (high - low)
-        inner = runs.demands(np.repeat(wide, n), points[:, 1:-1].ravel()).reshape(-1, n)
-        ends = brackets.below[wide], brackets.above[wide]
-        excess = np.column_stack([ends[0], inner - runs.threshold, ends[1]])
-        rows, first = np.arange(wide.size), (excess[:, 1:] >= 0).argmax(axis=1) + 1
-        brackets.low[wide], brackets.high[wide] = points[rows, first - 1], points[rows, first]
-        brackets.below[wide], brackets.above[wide] = excess[rows, first - 1], excess[rows, first]
+        inner, _ = runs.run(np.repeat(wide, n), points[:, 1:-1].ravel())
+        below, above = brackets.excess[wide].T
+        excess = np.column_stack([below, inner.reshape(-1, n) - runs.threshold, above])
+        narrower = Brackets.of(points, excess)
+        brackets.ends[wide], brackets.excess[wide] = narrower.ends, narrower.excess
     return brackets.chord()
 
 
 def by_newton(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: int) -> np.ndarray:
     """Newton's method by the intensity; a step that would leave the bracket halves it instead."""
-    im, pending = brackets.chord(), brackets.crossing
+    im = brackets.chord()
+    pending = np.flatnonzero(np.isfinite(im))
     for _ in range(_MOST_ROUNDS):
         if not pending.size:
             break
-        demands, slopes = runs.slopes(pending, im[pending])
+        runs.bar.set_postfix_str(brackets.progress(pending))
+        demands, slopes = runs.run(pending, im[pending], slopes=True)
         excess = demands - runs.threshold
-        brackets.narrow(pending, im[pending], excess)
+        end = (excess >= 0).astype(int)  # which each point replaces
+        brackets.ends[pending, end], brackets.excess[pending, end] = im[pending], excess
         after = im[pending] - excess / np.where(slopes == 0, np.nan, slopes)
-        low, high = brackets.low[pending], brackets.high[pending]
+        low, high = brackets.ends[pending].T
         inside = (after >= low) & (after <= high)
         after = np.where(inside, after, (low + high) / 2)
         done = (np.abs(after - im[pending]) <= tolerance * after) & inside

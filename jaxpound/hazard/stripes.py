@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from os import PathLike
 from typing import Any
@@ -16,8 +17,7 @@ from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.record import Record, derived
 from jaxpound.ground.suite import RecordSuite, as_suite
-from jaxpound.hazard import suite_runs
-from jaxpound.hazard.suite_runs import AnalysisOptions, SuiteRuns
+from jaxpound.hazard.suite_runs import Analysis, SuiteRuns, rising_intensities
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec, demand_in_words, event_in_words
 from jaxpound.simulation.scheme import Scheme
@@ -37,8 +37,6 @@ class Stripes(Shown):
     """Name of the demand."""
     measure: str = "intensity"
     """The measure of intensity, with its unit."""
-    si: bool = False
-    """Whether demands are in SI units."""
     topology: Topology | None = None
 
     @property
@@ -54,13 +52,13 @@ class Stripes(Shown):
     def fragility(self) -> Fragility:
         """``fit_fragility`` of the counts (Baker 2015, eq. 11), with its errors and warning."""
         curve = fit_fragility(self.intensities, self.pounding, self.trials, measure=self.measure)
-        event = event_in_words(self.demand, self.threshold, self.si, self.topology)
+        event = event_in_words(self.demand, self.threshold, True, self.topology)
         return dataclasses.replace(curve, event=event)
 
     def _tables(self) -> list[TextTable]:
         data = zip(self.intensities, self.trials, self.pounding, self.demands, strict=True)
         rows = [(f"{im:.4g}", int(n), int(k), float(np.median(x))) for im, n, k, x in data]
-        words = demand_in_words(self.demand, self.si, self.topology)
+        words = demand_in_words(self.demand, self.topology)
         columns = (self.measure, "records", "reach the threshold", f"median {words}")
         notes = [f"threshold {self.threshold:.4g}"]
         if fall := falls(self.intensities, self.pounding, self.trials):
@@ -96,31 +94,28 @@ def multiple_stripes(
         As of ``incremental_dynamic_analysis``; ``measure`` of several suites is "pga" or a period.
     """
     owner = "multiple_stripes"
-    levels = suite_runs.rising_intensities(owner, intensities)
+    levels = rising_intensities(owner, intensities)
     several = isinstance(records, Sequence) and all(isinstance(x, RecordSuite) for x in records)
     suites = [*records] if several else [as_suite(owner, records)] * levels.size
     if len(suites) != levels.size:
         rule = f"must be {levels.size}, one an intensity"
         raise InvalidInput(owner, f"{len(suites)} suites", "", rule)
+    sizes = [len(suite) for suite in suites]
     numbers: dict[int, int] = {}
-    merged: dict[str, Record] = {}  # the different records, each with a name of its own
-    for suite, level in zip(suites, levels, strict=True):
-        for record in suite:
-            if id(record) not in numbers:
-                numbers[id(record)] = len(merged)
-                name = f"{record.name} at {level:g}" if record.name in merged else record.name
-                while name in merged:
-                    name += ", another"
-                merged[name] = derived(record.samples, record.dt, name, record.time_unit)
-    rows_of = [np.array([numbers[id(record)] for record in suite]) for suite in suites]
-    highest = np.zeros(len(merged))
-    for rows, level in zip(rows_of, levels, strict=True):
-        highest[rows] = level
-    options = measure, demand, threshold, scheme, strict
-    analysis = AnalysisOptions(structures, tuple(merged.values()), grid, *options)
-    runs = SuiteRuns(owner, analysis, store, progress, highest)
-    sizes = [rows.size for rows in rows_of]
+    different: dict[str, Record] = {}  # each with a name of its own
+    for record in itertools.chain(*suites):
+        if id(record) not in numbers:
+            numbers[id(record)], name = len(different), record.name
+            while name in different:
+                name += ", another"
+            same = {"doubts": record.doubts, "measured": record.measured}
+            different[name] = derived(record.samples, record.dt, name, record.time_unit, **same)
+    rows = np.array([numbers[id(record)] for record in itertools.chain(*suites)])
+    at, highest = np.repeat(levels, sizes), np.zeros(len(different))
+    np.maximum.at(highest, rows, at)
+    options = grid, measure, demand, threshold, scheme, strict, highest
+    analysis = Analysis(owner, structures, RecordSuite(tuple(different.values())), *options)
+    runs = SuiteRuns(analysis, store, progress)
     with runs.bar:
-        demands = runs.demands(np.concatenate(rows_of), np.repeat(levels, sizes))
-    about = runs.threshold, runs.demand, runs.intensity.words, True, runs.topology
-    return Stripes(levels, tuple(np.split(demands, np.cumsum(sizes)[:-1])), *about)
+        demands, _ = runs.run(rows, at)
+    return Stripes(levels, tuple(np.split(demands, np.cumsum(sizes)[:-1])), *analysis.about)

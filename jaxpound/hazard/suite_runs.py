@@ -1,4 +1,4 @@
-"""Runs of structures under the records of a suite, each record times a factor.
+"""Analyses of buildings under the records of a suite, each record times a factor, and their runs.
 
 A finished run is identified by record and factor, and kept in a store if there is one: an analysis
 that was stopped requests the same runs again, and only the missing ones are run.
@@ -6,14 +6,15 @@ that was stopped requests the same runs again, and only the missing ones are run
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from functools import cached_property, partial
 from os import PathLike
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from tqdm.auto import tqdm
 
 from jaxpound._checks import Rule, array, enforce, instance, number, positive, require_memory
@@ -25,8 +26,8 @@ from jaxpound.ground.measure import Measure
 from jaxpound.ground.plausibility import LARGE_PGA, unseen
 from jaxpound.ground.record import Record, stacked
 from jaxpound.ground.run_input import require_time_unit
-from jaxpound.ground.suite import RecordSuite, as_suite
-from jaxpound.model.system import Structures, common_gap, is_closable, without_contact
+from jaxpound.ground.suite import RecordSuite
+from jaxpound.model.system import common_gap, without_contact
 from jaxpound.results import named
 from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
 from jaxpound.simulation.run import demand
@@ -34,75 +35,8 @@ from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single
 from jaxpound.simulation.time_steps import record_grid
 from jaxpound.store.store import RunLog, identity, program_digest
 
-_COLUMNS = ("record", "factor", "demand", "slope", "has_slope")
+_COLUMNS = ("record", "factor", "has_slope", "demand", "slope")  # the first three name a run
 _ROWS = 256  # of a file
-
-_RunId = tuple[int, float]  # number of a record, and its factor
-
-
-class AnalysisOptions(NamedTuple):
-    """The arguments that determine an analysis, in the order of all analyses."""
-
-    structures: Buildings
-    records: Any
-    grid: TimeGrid | None
-    measure: Any
-    demand: DemandSpec
-    threshold: float | None
-    scheme: Scheme
-    strict: bool
-
-    def limit(self, owner: str) -> tuple[str, float]:
-        """The demand's name and threshold; those of pounding follow from the gaps at rest."""
-        name, threshold = self.demand, self.threshold
-        if not isinstance(name, str):
-            name = getattr(name, "__name__", "demand").replace("<lambda>", "demand")
-        if name == REQUIRED_GAP:
-            if not any(is_closable(link.gap) for link in self.structures.system().links):
-                raise InvalidInput(owner, "structures", "", "must have a link whose gap is finite")
-            if threshold is None:
-                if (gap := common_gap(self.structures)) is None:
-                    return OVERLAP, 0.0
-                return REQUIRED_GAP, float(gap)
-        elif threshold is None:
-            named.require_threshold(owner, self.demand)
-        limit = float(number(owner, "threshold", threshold))
-        enforce(owner, [Rule("threshold", limit, np.isfinite(limit), "finite")])
-        return name, limit
-
-    def time_grid(self, owner: str, suite: RecordSuite) -> TimeGrid:
-        """The requested grid, or one as long as the longest record, for the finest samples."""
-        if self.grid is not None:
-            instance(owner, "grid", self.grid, TimeGrid)
-            return self.grid
-        finest = min(suite, key=lambda record: float(record.dt))
-        longest = max(suite, key=lambda record: float(record.duration))
-        names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
-        place, options = f"{owner}: records: {names}", (self.scheme, [*suite])
-        return record_grid(place, self.structures, *options, strict=self.strict)
-
-
-class Intensity(NamedTuple):
-    """A measure of intensity that is proportional to a record's factor."""
-
-    words: str  # its name with its unit
-    unscaled: Float[np.ndarray, " n"]  # the intensity of each unscaled record
-
-    @classmethod
-    def of(cls, owner: str, suite: RecordSuite, measure: Any) -> Intensity:
-        """By ``measure``: "pga", a natural period, or the intensity of each record itself."""
-        if isinstance(measure, str):
-            if measure != "pga":
-                rule = "must be 'pga', a natural period or a number for each record"
-                raise InvalidInput(owner, "measure", repr(measure), rule)
-            return cls("PGA (g)", suite.pgas)
-        measure = array(owner, "measure", measure, (), (len(suite),))
-        positive(owner, measure=measure)
-        if np.ndim(measure) == 0:
-            period = float(measure)
-            words = str(Measure.spectral_acceleration(period, suite.time_unit))
-            return cls(words, suite.spectra(np.array([period]))[:, 0])
-        return cls("intensity", measure)
 
 
 def rising_intensities(owner: str, intensities: Any) -> Float[np.ndarray, " k"]:
@@ -113,119 +47,175 @@ def rising_intensities(owner: str, intensities: Any) -> Float[np.ndarray, " k"]:
     return levels
 
 
-class SuiteRuns:
-    """Compiled runs for batches of records and factors of any size, with a progress bar.
+class Intensity(NamedTuple):
+    """A measure of intensity that is proportional to a record's factor."""
 
-    ``highest`` is the largest intensity of each record, or of all; None: unscaled records.
-    ``demands`` and ``slopes`` take the number of a record and the intensity to which it is scaled.
+    words: str  # its name with its unit
+    unscaled: Float[np.ndarray, " n"]  # the intensity of each unscaled record
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Analysis:
+    """Buildings, records that are scaled, intensity and demand: what is run for any fragility.
+
+    Arguments are as of ``incremental_dynamic_analysis``; ``owner`` is the function that was called,
+    for errors, ``highest`` the largest intensity of each record, or of all; None: unscaled records.
+    Where pounding is sought, ``structures`` are without laws of contact.
     """
 
-    def __init__(
-        self,
-        owner: str,
-        options: AnalysisOptions,
-        store: str | PathLike[str] | None,
-        progress: bool,
-        highest: Any = None,
-    ) -> None:
-        structures: Structures = options.structures
-        scheme = options.scheme
-        self.suite = suite = as_suite(owner, options.records)
-        if not isinstance(structures, Buildings):
+    owner: str
+    structures: Buildings
+    records: RecordSuite
+    grid: TimeGrid | None
+    measure: Any
+    demand: DemandSpec
+    threshold: float | None
+    scheme: Scheme
+    strict: bool
+    highest: Any = None
+
+    def __post_init__(self) -> None:
+        owner, n = self.owner, len(self.records)
+        if not isinstance(self.structures, Buildings):
             rule = "must be jp.Buildings, as records are in g and s"
-            raise InvalidInput(owner, "structures", type(structures).__name__, rule)
-        system = single_system(owner, structures)
-        instance(owner, "scheme", scheme, Scheme)
-        for record in suite:
+            raise InvalidInput(owner, "structures", type(self.structures).__name__, rule)
+        single_system(owner, self.structures)
+        instance(owner, "scheme", self.scheme, Scheme)
+        if self.event[0] in (REQUIRED_GAP, OVERLAP):
+            object.__setattr__(self, "structures", without_contact(self.structures))
+        for record in self.records:
             require_time_unit(f"{owner}: records", record, si=True)
-        grid = options.time_grid(owner, suite)
-        require_stable(structures, scheme, grid.dt)
-        self.demand, self.threshold = options.limit(owner)
-        if self.demand in (REQUIRED_GAP, OVERLAP):
-            structures = without_contact(structures)
-        self.intensity = Intensity.of(owner, suite, options.measure)
-        factors = np.ones(len(suite)) if highest is None else highest / self.intensity.unscaled
-        findings = imprecise(structures.system(), grid, factors)
+        require_stable(self.structures, self.scheme, self.time_grid.dt)
+        warn(owner, self._doubts(), self.strict)
+        require_memory(owner, "records", n, n * self.time_grid.n_steps * 16)
+        jax.eval_shape(self.value, 0, 1.0)
+
+    @cached_property
+    def time_grid(self) -> TimeGrid:
+        """The requested grid, or one as long as the longest record, for the finest samples."""
+        if self.grid is not None:
+            instance(self.owner, "grid", self.grid, TimeGrid)
+            return self.grid
+        finest = min(self.records, key=lambda record: float(record.dt))
+        longest = max(self.records, key=lambda record: float(record.duration))
+        names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
+        place, options = f"{self.owner}: records: {names}", (self.scheme, [*self.records])
+        return record_grid(place, self.structures, *options, strict=self.strict)
+
+    @cached_property
+    def intensity(self) -> Intensity:
+        """By ``measure``: "pga", a natural period, or the intensity of each record itself."""
+        if isinstance(self.measure, str):
+            if self.measure != "pga":
+                rule = "must be 'pga', a natural period or a number for each record"
+                raise InvalidInput(self.owner, "measure", repr(self.measure), rule)
+            return Intensity("PGA (g)", self.records.pgas)
+        measure = array(self.owner, "measure", self.measure, (), (len(self.records),))
+        positive(self.owner, measure=measure)
+        if np.ndim(measure):
+            return Intensity("intensity", measure)
+        words = Measure.spectral_acceleration(float(measure), self.records.time_unit)
+        return Intensity(str(words), self.records.spectra(measure[None])[:, 0])
+
+    @cached_property
+    def event(self) -> tuple[str, float]:
+        """The demand's name and threshold; those of pounding follow from the gaps at rest."""
+        name, threshold = self.demand, self.threshold
+        if not isinstance(name, str):
+            name = getattr(name, "__name__", "demand").replace("<lambda>", "demand")
+        if threshold is None:
+            if name != REQUIRED_GAP:
+                named.require_threshold(self.owner, self.demand)
+            gap = common_gap(self.structures)
+            return (OVERLAP, 0.0) if gap is None else (REQUIRED_GAP, float(gap))
+        limit = float(number(self.owner, "threshold", threshold))
+        enforce(self.owner, [Rule("threshold", limit, np.isfinite(limit), "finite")])
+        return name, limit
+
+    @property
+    def about(self) -> tuple[Any, ...]:
+        """What results say of it: threshold, demand, measure and topology."""
+        name, threshold = self.event
+        return threshold, name, self.intensity.words, self.structures.system().topology
+
+    def _doubts(self) -> list[str]:
+        """Findings of what is implausible, or not resolved."""
+        suite, highest, unscaled = self.records, self.highest, self.intensity.unscaled
+        factors = np.ones(len(suite)) if highest is None else highest / unscaled
+        findings = imprecise(self.structures.system(), self.time_grid, factors)
         for record in suite:
-            findings += unseen(record, grid, strict=options.strict)
+            findings += unseen(record, self.time_grid, strict=self.strict)
         if (peaks := suite.pgas * factors).max() > LARGE_PGA:
             i = int(np.argmax(peaks))
             scaled_up = f"records: {suite.names[i]!r} times {factors[i]:.4g} has a PGA of"
             findings.append(f"{scaled_up} {peaks[i]:.4g} g; it should be at most {LARGE_PGA:.0f} g")
-        warn(owner, findings, options.strict)
-        require_memory(owner, "records", len(suite), len(suite) * grid.n_steps * 16)
+        return findings
+
+    def value(self, record: Any, factor: Any) -> Any:
+        """The demand of a record, by its number, times a factor; traceable."""
         # Padded with zeros: the ground is at rest after a record.
-        records = stacked([*suite])
-        system = structures.system()
-        spec = self.demand if isinstance(options.demand, str) else options.demand
+        samples, interval = (jnp.asarray(x)[record] for x in stacked([*self.records]))
+        ground = factor * Record(samples, interval)
+        result = demand(self.structures, ground, self.time_grid, self.scheme)
+        spec = self.event[0] if isinstance(self.demand, str) else self.demand
+        return named.value_of(self.owner, self.structures.system(), result, spec)
 
-        def value(number: Any, factor: Any) -> Any:
-            """The demand of a record, by number, times a factor."""
-            samples, interval = (jnp.asarray(x)[number] for x in records)
-            result = demand(structures, factor * Record(samples, interval), grid, scheme)
-            return named.value_of(owner, system, result, spec)
+    def value_and_slope(self, record: Any, factor: Any) -> Any:
+        """``value`` and its derivative by the factor."""
+        return jax.jvp(partial(self.value, record), (factor,), (jnp.ones_like(factor),))
 
-        jax.eval_shape(value, 0, 1.0)
+    def description(self) -> dict[str, Any]:
+        """What determines the results of its runs, for a store."""
+        search = "runs of a suite", _COLUMNS, _ROWS, program_digest(self.value, 0, 1.0)
+        inputs: dict[str, Any] = {"demand": self.event[0], "records": stacked([*self.records])}
+        inputs |= {"structures": self.structures, "grid": self.time_grid, "scheme": self.scheme}
+        return identity(*search, **inputs)
 
-        def with_slope(record: Any, factor: Any) -> Any:
-            return jax.jvp(lambda f: value(record, f), (factor,), (jnp.ones_like(factor),))
 
-        self._log: RunLog | None = None
-        # Demand and slope by record and factor, of runs without and with slopes.
-        self._finished: tuple[dict[_RunId, Any], dict[_RunId, Any]] = {}, {}
-        if store is not None:
-            inputs: dict[str, Any] = {"demand": self.demand, "records": records}
-            inputs |= {"structures": structures, "grid": grid, "scheme": scheme}
-            search = "runs of a suite", _COLUMNS, _ROWS, program_digest(value, 0, 1.0)
-            self._log = RunLog(store, identity(*search, **inputs))
-            columns = (self._log.rows[name].tolist() for name in _COLUMNS)
-            for record, factor, *results, has_slope in zip(*columns, strict=True):
-                self._finished[int(has_slope)][int(record), factor] = results
+class SuiteRuns:
+    """The runs of an analysis in batches of any size, kept in a store, with a progress bar."""
+
+    def __init__(
+        self, analysis: Analysis, store: str | PathLike[str] | None, progress: bool
+    ) -> None:
+        self.analysis, self.threshold = analysis, analysis.event[1]
+        self._log = None if store is None else RunLog(store, analysis.description())
+        stored = self._log.rows if self._log else dict.fromkeys(_COLUMNS, np.empty(0))
+        self._finished = _by_run(np.column_stack([stored[name] for name in _COLUMNS]))
         self._part = part = runs_at_a_time() // 4  # runs after which a file is written
-        self._programs = in_chunks(value, part), in_chunks(with_slope, part)
-        self._owner, self.topology = owner, system.topology
+        programs = lambda *run: (analysis.value(*run), jnp.nan), analysis.value_and_slope
+        self._programs = [in_chunks(program, part) for program in programs]
         self.bar = tqdm(unit=" runs", disable=not progress)
-        # Called with the numbers of the records before each batch.
-        self.before_batch: Callable[[Int[np.ndarray, " m"]], None] = lambda rows: None
 
-    def demands(
-        self, records: Int[np.ndarray, " m"], intensities: Float[np.ndarray, " m"]
-    ) -> Float[np.ndarray, " m"]:
-        """Demands of records, by number, scaled to intensities."""
-        return self._results(records, intensities, slopes=False)[:, 0]
+    def run(self, records: Any, intensities: Any, *, slopes: bool = False) -> np.ndarray:
+        """Demands of m records, by number, and derivatives by the intensity or NaN, shape (2, m).
 
-    def slopes(
-        self, records: Int[np.ndarray, " m"], intensities: Float[np.ndarray, " m"]
-    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """``demands``, and their derivatives by the intensity."""
-        demands, slopes = self._results(records, intensities, slopes=True).T
-        return demands, slopes / self.intensity.unscaled[records]
-
-    def _results(self, records: Any, intensities: Any, slopes: bool) -> Float[np.ndarray, "m 2"]:
-        """Demands and, with ``slopes``, derivatives by the factor, else NaN."""
-        self.before_batch(records)
-        factors = np.asarray(intensities / self.intensity.unscaled[records], jnp.zeros(()).dtype)
-        self.bar.total = (self.bar.total or 0) + len(records)
-        runs = [*zip(records.tolist(), factors.tolist(), strict=True)]
-        finished, size = self._finished[slopes], min(len(runs), self._part)
-        for start in range(0, len(runs), size):
-            part = runs[start : start + size]
-            missing = np.array([i for i, run in enumerate(part, start) if run not in finished], int)
-            if missing.size:
-                # As large as if no run were finished: the same program, and the same rounding.
-                padded = np.pad(missing, (0, size - missing.size), mode="edge")
-                results = self._programs[slopes](records[padded], factors[padded])
-                both = np.stack(results if slopes else (results, np.full(size, np.nan)))
-                names, both = [runs[i] for i in missing], both[:, : missing.size]
-                if self._log is not None:
-                    rows = (*np.transpose(names), *both, np.full(missing.size, float(slopes)))
-                    self._log.add(dict(zip(_COLUMNS, rows, strict=True)))
-                finished.update(zip(names, both.T, strict=True))
+        ``intensities``, shape (m,), are those to which the records are scaled.
+        """
+        unscaled = self.analysis.intensity.unscaled[records]
+        factors = np.asarray(intensities / unscaled, jnp.zeros(()).dtype)
+        runs = [(*run, slopes) for run in zip(records.tolist(), factors.tolist(), strict=True)]
+        missing, size = [x for x in runs if x not in self._finished], min(len(runs), self._part)
+        self.bar.total = (self.bar.total or 0) + len(runs)
+        self.bar.update(len(runs) - len(missing))
+        for start in range(0, len(missing), size):
+            part = missing[start : start + size]
+            # As large as if no run were finished: the same program, and the same rounding.
+            record, factor, _ = np.array(part + part[-1:] * (size - len(part))).T
+            results = self._programs[slopes](record.astype(int), factor.astype(factors.dtype))
+            rows = np.column_stack([part, *(x[: len(part)] for x in results)])
+            if self._log is not None:
+                self._log.add(dict(zip(_COLUMNS, rows.T, strict=True)))
+            self._finished |= _by_run(rows)
             self.bar.update(len(part))
-        results = np.array([finished[run] for run in runs], float)
-        if not (finite := np.isfinite(results[:, 0])).all():
-            i = int(np.argmin(finite))
-            place = f"{self._owner}: {self.suite.names[records[i]]!r} at {intensities[i]:.6g}"
-            rule = f"must be finite, but is {results[i, 0]}"
-            raise FloatingPointError(f"{place}: {self.demand} {rule}")
-        return results
+        demands, by_factor = np.array([self._finished[run] for run in runs]).T
+        if not (finite := np.isfinite(demands)).all():
+            i, owner, name = int(np.argmin(finite)), self.analysis.owner, self.analysis.event[0]
+            place = f"{owner}: {self.analysis.records.names[records[i]]!r} at {intensities[i]:.6g}"
+            raise FloatingPointError(f"{place}: {name} must be finite, but is {demands[i]}")
+        return np.stack([demands, by_factor / unscaled])
+
+
+def _by_run(rows: np.ndarray) -> dict[tuple[float, ...], list[float]]:
+    """Demand and slope by the number of the record, its factor and whether the run has a slope."""
+    return {tuple(row[:3]): row[3:] for row in rows.tolist()}

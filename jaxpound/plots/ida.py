@@ -28,7 +28,7 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
     ax = new_axes(ax)
     shares = analysis.fractiles()
     demand = in_words(analysis.demand, analysis.topology), kind_of(analysis.demand)
-    unit, words = house.with_unit(*demand, analysis.si, shares.max())
+    unit, words = house.with_unit(*demand, True, shares.max())
     im, limit, demands = analysis.intensities, unit * analysis.threshold, unit * analysis.demands
     first, *_ = ax.plot(demands.T, im, color=COLOURS["residual"], alpha=0.6, linewidth=0.6)
     first.set_label(f"{len(analysis.names)} records")
@@ -64,7 +64,7 @@ def cloud(found: Cloud, ax: Axes | None = None) -> Axes:
     ax = new_axes(ax)
     im, demand, censored = found.intensity, found.demand, found.censored
     name, kind = in_words(found.name, found.topology), kind_of(found.name)
-    unit, words = house.with_unit(name, kind, found.si, float(demand.max()))
+    unit, words = house.with_unit(name, kind, True, float(demand.max()))
     at = np.geomspace(im.min(), im.max(), 40)
     middle, spread = unit * found.median(at), np.exp(found.dispersion)
     ax.fill_between(at, middle / spread, middle * spread, label=r"$\pm\sigma$", **shade("damper"))

@@ -95,9 +95,9 @@ def in_words(name: str, topology: Topology | None = None) -> str:
     return words_of(name, topology, quantity)
 
 
-def demand_in_words(name: str, si: bool, topology: Topology | None = None) -> str:
-    """A demand ``in_words``, with its unit in parentheses; a pure number has none."""
-    of_unit = unit_of(name, si)
+def demand_in_words(name: str, topology: Topology | None = None) -> str:
+    """A demand ``in_words``, with its SI unit in parentheses; a pure number has none."""
+    of_unit = unit_of(name, si=True)
     return in_words(name, topology) + (f" ({of_unit})" if of_unit else "")
 
 

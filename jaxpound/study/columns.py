@@ -222,11 +222,9 @@ class DemandColumns(Columnar, Shown):
         column = self.finite(name)
         if (column % 1).any():
             raise InvalidInput("counts", f"the numbers of {name!r}", "", "must be whole")
-        numbers, index = np.unique(column, return_inverse=True)
         w = self.weights[np.isfinite(self[name])]
-        hits = zip(np.bincount(index, w), np.bincount(index, w**2), strict=True)
-        sums = [Hits(w.size, w.sum(), (w**2).sum(), *x) for x in hits]
-        return {int(k): self._estimate(x, confidence) for k, x in zip(numbers, sums, strict=True)}
+        hits = {int(number): Hits.of(column == number, w) for number in np.unique(column)}
+        return {number: self._estimate(sums, confidence) for number, sums in hits.items()}
 
     def _hits(self, parts: Iterable[np.ndarray]) -> Hits:
         """Sums over the parts of a column that is 1, 0 or, where it is unknown, NaN."""

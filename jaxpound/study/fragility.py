@@ -243,7 +243,8 @@ def fit_fragility(
     (a, b), information = _maximise(z, weight * hits, weight * runs, np.array([-z.mean(), 1.0]))
     spread = np.linalg.inv(information)
     if w is not None:
-        rise, fall = _ratios(a + b * z)
+        eta = a + b * z
+        rise, fall = inverse_mills_ratio(eta), inverse_mills_ratio(-eta)
         squares = weight**2 * (hits * rise**2 + (runs - hits) * fall**2)
         x = np.stack([np.ones_like(z), z])
         spread = spread @ (x * squares) @ x.T @ spread
@@ -317,7 +318,7 @@ def _maximise(
 
     def derivatives(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         eta = c @ x
-        rise, fall = _ratios(eta)
+        rise, fall = inverse_mills_ratio(eta), inverse_mills_ratio(-eta)
         weight = k * rise * (rise + eta) + (n - k) * fall * (fall - eta)
         return x @ (k * rise - (n - k) * fall), (x * weight) @ x.T
 
@@ -343,7 +344,6 @@ def maximum(
     return c, information
 
 
-def _ratios(eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """φ/Φ at η and at −η: derivatives of ln Φ(η), and of ln Φ(−η) with the other sign."""
-    density = -(eta**2) / 2 - np.log(2 * np.pi) / 2
-    return np.exp(density - log_ndtr(eta)), np.exp(density - log_ndtr(-eta))
+def inverse_mills_ratio(eta: np.ndarray) -> np.ndarray:
+    """φ/Φ at η, the derivative of ln Φ(η); at −η that of ln Φ(−η) with the other sign."""
+    return np.exp(-(eta**2) / 2 - np.log(2 * np.pi) / 2 - log_ndtr(eta))

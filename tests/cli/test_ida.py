@@ -74,7 +74,7 @@ def test_the_capacities_are_the_library_s_and_all_is_written(done, folder):
 def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
     out, store = folder / "again", folder / "store"
     arguments = ["ida", folder / "ida.toml", "--out", out, "--store", store]
-    stopped(monkeypatch, 1, lambda: run(*arguments), "demands", SuiteRuns)
+    stopped(monkeypatch, 1, lambda: run(*arguments), "run", SuiteRuns)
     assert any(store.glob("chunk-*.npz"))
     told = main.describe_kept(argparse.Namespace(command="ida", store=store, out=out))
     assert told.startswith(f"finished runs are kept in {store}, and the same command")

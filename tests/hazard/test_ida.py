@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tqdm.auto import tqdm
 
 import jaxpound as jp
 from jaxpound.hazard import suite_runs
@@ -97,12 +98,9 @@ def test_thresholds_demands_records_and_fractiles(linear):
 class Curves:
     """Runs whose demands over intensity are known: a wave that falls below the threshold again."""
 
-    threshold = 1.0
+    threshold, bar = 1.0, tqdm(disable=True)
 
-    def demands(self, which, intensities):
-        return self.slopes(which, intensities)[0]
-
-    def slopes(self, which, im):
+    def run(self, which, im, slopes=False):
         phase = np.array([1.0, 1.3])[which]
         return im + 0.8 * np.sin(phase * im), 1 + 0.8 * phase * np.cos(phase * im)
 
@@ -111,11 +109,11 @@ class Curves:
 @pytest.mark.parametrize("batch", [1, 2, 40])
 def test_the_first_crossing_is_refined(method, batch):
     runs, ladder = Curves(), np.array([0.0, 0.5, 1.0, 2.0, 4.0])
-    excess = runs.demands(np.repeat([0, 1], 5), np.tile(ladder, 2)).reshape(2, -1) - 1.0
+    excess = runs.run(np.repeat([0, 1], 5), np.tile(ladder, 2))[0].reshape(2, -1) - 1.0
     found = method(runs, Brackets.of(ladder, excess), 1e-6, batch)
     fine = np.linspace(0, 2, 200_001)
     for record, capacity in enumerate(found):
-        values = runs.demands(np.full(fine.size, record), fine)
+        values, _ = runs.run(np.full(fine.size, record), fine)
         assert capacity == pytest.approx(fine[np.argmax(values >= 1.0)], abs=2e-5)
 
 
@@ -123,7 +121,7 @@ def test_records_that_return_are_strong_or_unfit_are_named(capsys):
     demands = np.array([[0.5, 1.2, 0.9, 1.5], [0.2, 0.4, 1.1, 1.3]])
     found = jp.hazard.IncrementalDynamicAnalysis(
         *(("wave", "line"), np.ones(2), np.arange(1.0, 5.0), demands, np.array([1.7, 2.9])),
-        *(1.0, "demand", "PGA (g)", False),
+        *(1.0, "demand", "PGA (g)"),
     )
     assert found.returning == ("wave",)
     assert "below it again at higher intensities: wave" in repr(found)
@@ -220,6 +218,7 @@ test_wrong_arguments_are_named = refusals(
     ({"demand": "peak_x9", "threshold": 1.0}, "unknown demand 'peak_x9'"),
     ({"threshold": 0.0}, "threshold = 0 must be above 0, what the demand is without shaking"),
     ({"structures": PAIR.dimensionless()[0]}, "structures = Row must be jp.Buildings, as records"),
+    ({"structures": linked(gap=np.inf)}, "structures must have a link whose gap is finite"),
     ({"records": [IN_UNITS]}, r"records: Record\(.* must be in seconds, as Buildings are"),
     ({"records": "folder"}, "records = 'folder' must be a RecordSuite or records|Record"),
     of=lambda changed: analysed(**changed),

@@ -3,6 +3,7 @@
 import warnings
 
 import numpy as np
+import pytest
 
 import jaxpound as jp
 from tests.ground.test_suite import SUITE
@@ -36,6 +37,10 @@ def test_stripes_of_one_suite_or_of_one_each_are_those_of_the_incremental_analys
     for rows, found in zip((slice(None), [0], [0, 1]), others.demands, strict=True):
         np.testing.assert_allclose(found, linear.demands[rows, 1], rtol=1e-6)
     refused("2 suites must be 4, one an intensity", striped, suites[:2])
+    with pytest.warns(jp.PlausibilityWarning, match="the mean acceleration") as doubts:
+        offset = jp.Record(np.full(200, 0.1), dt=0.02, name="offset")
+    assert len(doubts) == 1
+    refused("the mean acceleration", striped, [offset], strict=True)  # as of the other analyses
 
 
 def test_pounding_where_gaps_differ_is_an_overlap_of_any_link():

@@ -14,7 +14,7 @@ IM = np.array([0.1, 0.2, 0.4])
 DEMANDS = np.array([[0.01, 0.02, 0.04], [0.02, 0.04, 0.08], [0.01, 0.03, 0.05]])
 FOUND = jp.hazard.IncrementalDynamicAnalysis(
     *(("a", "b", "c"), np.array([0.3, 0.2, 0.1]), IM, DEMANDS, np.array([np.inf, 0.25, 0.4])),
-    *(0.05, "required_gap", "Sa(0.9 s) (g)", True),
+    *(0.05, "required_gap", "Sa(0.9 s) (g)"),
 )
 
 
