@@ -130,7 +130,7 @@ STUDIES = {
     "reach_probability": lambda s: jp.reach_probability("friction", 1e-3, drawn(s), **AT_GRID),
     "design_damper": designed,
     "elasticities": lambda s: jp.elasticities(s, RECORD, GRID),
-    "growth": lambda s: jp.perturbation_growth(s, RECORD, GRID),
+    "perturbation_growth": lambda s: jp.perturbation_growth(s, RECORD, GRID),
     "simulate": lambda s: jp.simulate(s, RECORD, GRID),
 }
 ANALYSES = {
