@@ -7,7 +7,8 @@ import pytest
 from scipy import stats
 
 import jaxpound as jp
-from jaxpound import LeastDemand, Limit, Objective
+from jaxpound import Objective
+from jaxpound.design import LeastDemand, Limit
 from jaxpound.design.goals import gathered, tail_mean
 from tests.refusals import refusals
 
