@@ -32,8 +32,6 @@ T = 0.1 * np.arange(41)
 LOUD = jp.Record(6.0 * np.sin(3 * T), 0.1, "loud", "1/ω1")
 
 TOO_FAR = "link 1–2, floor 1: gap = 1000 g/ω1² should be at most 100 times what the buildings "
-    "link 1–2, floor 1: gap = 1000 g/ω1² should be at most 100 times what the buildings move, "
-)
 TOO_SHORT = "ground: the shortest of periods is 3 time steps long and should be at least 8: a "
 
 
