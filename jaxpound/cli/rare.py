@@ -255,10 +255,11 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
     """The search in numbers, for JSON."""
     event, limit = result.event, result.config.limit
     earthquakes = [
-        {"reliability_index": float(np.linalg.norm(z)), "time_s": float(at)}
-        for z, at in zip(event.design_points, event.instants, strict=True)
+        {"reliability_index": float(beta), "time_s": float(at)}
+        for beta, at in zip(event.design_points.betas, event.instants, strict=True)
     ]
-    times, shares = event.failures_by_instant
+    samples = event.result.samples
+    times, shares = samples.failures_by_instant
     return {
         **file.origin,
         "event": result.config.event,
@@ -268,8 +269,8 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
         **_numbers(limit.lowest_threshold, event),
         "method": event.method,
         "warnings": list(event.warnings),
-        "largest_share_of_a_sample": event.largest_share,
-        "share_where_samples_are_thin": event.thin,
+        "largest_share_of_a_sample": samples.largest_share,
+        "share_where_samples_are_thin": getattr(event.result, "thin", math.nan),
         "mean_time_of_failure_s": float(times @ shares) if len(times) else None,
         "design_earthquakes": earthquakes,
         "curve": [_numbers(*pair) for pair in result.curve.items()],
