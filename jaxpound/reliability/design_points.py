@@ -210,7 +210,7 @@ class DesignPoints:
     def start(self, steps: float) -> DesignPoints:
         """The points where another search begins, which has ``steps`` time steps in one of these.
 
-        What they have cost, and how many they were thought to be, is not of that search.
+        Runs, gradients and the covered share are counted anew.
         """
         instants = np.where(self.instants < 0, -1, np.round(self.instants * steps)).astype(int)
         return DesignPoints(self.z, self.directions, self.betas, instants, self.series)

@@ -97,7 +97,7 @@ class Samples:
 
     @property
     def cov(self) -> float:
-        """That of independent samples; infinite if none reaches the limit state."""
+        """Its coefficient of variation; infinite if no sample reaches the limit state."""
         parts = self.parts
         return cov_of_mean(parts) if parts.any() else math.inf
 

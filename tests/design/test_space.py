@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, strategies
 
 import jaxpound as jp
-from jaxpound import Bounds, DesignSpace
+from jaxpound import DesignSpace
 from jaxpound._fields import rules
+from jaxpound.design import Bounds
 from tests.refusals import refusals
 
 PAPER = jp.paper.structures()

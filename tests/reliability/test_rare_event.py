@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import gc
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from scipy.special import ndtr
 
 import jaxpound as jp
+from jaxpound.reliability import limit_state
 from jaxpound.reliability.design_points import DesignPoints, find_design_points
 from jaxpound.reliability.importance import signs_of_missed_failures
 from jaxpound.reliability.result import DesignPointResult, Samples
@@ -240,6 +242,26 @@ def drawn(factor):
 FEW, STILL = drawn(1), drawn(0)
 FRICTION = {"friction": jp.paper.structures().friction}
 STATE = jp.LimitState(FEW, SHORT, threshold=0.3, changes=FRICTION)
+
+
+def test_limit_states_share_programs_while_one_is_in_use(monkeypatch):
+    """Those of the same scenarios, grid, scheme and demand, whatever the threshold."""
+    made, make = [], limit_state.LimitStatePrograms.__init__
+    monkeypatch.setattr(
+        limit_state.LimitStatePrograms, "__init__", lambda x, of: made.append(of) or make(x, of)
+    )
+    scenarios = drawn(1)
+    state = jp.LimitState(scenarios, SHORT, threshold=0.3)
+    dataclasses.replace(state, threshold=0.4, changes=FRICTION)
+    jp.LimitState(scenarios, jp.TimeGrid.until(8.0, dt=0.1), threshold=0.2)
+    assert len(made) == 1
+    dataclasses.replace(state, demand="peak_x1")
+    jp.LimitState(drawn(1), SHORT, threshold=0.3)  # of other scenarios, though equal ones
+    assert len(made) == 3
+    del state, made[:]
+    gc.collect()
+    jp.LimitState(scenarios, SHORT, threshold=0.3)
+    assert len(made) == 1
 
 
 def few(gap, method="design points", **options):
