@@ -120,11 +120,8 @@ class Descent:
         winner = best_start(designs, history[-1].alive)
         best = jax.tree.map(lambda x: x[winner], designs)
         conditions, runs = self.conditions(self.data), 0
-        if (
-            self.options.polish
-            and self.lagrangian.per_epoch == 1
-            and stopped != STOPPED_BY_CALLBACK
-        ):
+        polishes = self.options.polish and self.lagrangian.per_epoch == 1
+        if polishes and stopped != STOPPED_BY_CALLBACK:
             best, runs = conditions.polished(best)
         unlimited = RareEstimates({}, self.data.rare)
         return SearchResult(best, history, winner, stopped, runs, conditions, unlimited)

@@ -43,8 +43,7 @@ _STRONGER = (3.0, 10.0)  # factors of z for the runs that check a seemingly cons
 _RUNS = 128
 _GRADIENTS = 32
 
-BatchId = tuple[int, int]
-QueryId = tuple[int, int]  # number of a repeat of subset simulation, and that of one of its queries
+BatchId = tuple[int, int]  # of subset simulation the numbers of a repeat and of one of its queries
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -372,7 +371,7 @@ class SubsetRuns:
         self.failed = 0  # runs without a result
         self._state, self._bar, self._runs, self._part = state, bar, runs, part
 
-    def __call__(self, queries: Mapping[QueryId, np.ndarray]) -> dict[QueryId, np.ndarray]:
+    def __call__(self, queries: Mapping[BatchId, np.ndarray]) -> dict[BatchId, np.ndarray]:
         """Values of points by query; −∞ of runs that fail."""
         answers = {}
         for batches in self._parts(queries):
@@ -385,9 +384,9 @@ class SubsetRuns:
             self._bar.update(size)
         return answers
 
-    def _parts(self, queries: Mapping[QueryId, np.ndarray]) -> Iterator[dict[QueryId, np.ndarray]]:
+    def _parts(self, queries: Mapping[BatchId, np.ndarray]) -> Iterator[dict[BatchId, np.ndarray]]:
         """Queries that are run and written together: the same ones, and rounding, after a stop."""
-        batches: dict[QueryId, np.ndarray] = {}
+        batches: dict[BatchId, np.ndarray] = {}
         for name, points in queries.items():
             if batches and sum(map(len, batches.values())) + len(points) > self._part:
                 yield batches

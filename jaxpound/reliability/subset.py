@@ -22,7 +22,7 @@ from jaxpound._checks import Rule, count, enforce, positive, require_memory, req
 from jaxpound._errors import resumable
 from jaxpound.grid import TimeGrid
 from jaxpound.reliability import limit_state
-from jaxpound.reliability.limit_state import LimitState, QueryId, require_dependence
+from jaxpound.reliability.limit_state import BatchId, LimitState, require_dependence
 from jaxpound.reliability.result import (
     NO_ESTIMATE,
     RAREST,
@@ -331,7 +331,7 @@ def _conditional(
 
 
 def run_in_lockstep(
-    values: Callable[[Mapping[QueryId, np.ndarray]], Mapping[QueryId, np.ndarray]],
+    values: Callable[[Mapping[BatchId, np.ndarray]], Mapping[BatchId, np.ndarray]],
     repeats: Mapping[int, Levels],
     report: Callable[[list[float]], None] = lambda reached: None,
 ) -> list[list[Level]]:
