@@ -22,6 +22,7 @@ from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, n
 from jaxpound.cli.tables import Gap, require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.parameters import get
+from jaxpound.reliability.result import DesignPointResult
 from jaxpound.reliability.run import choice, event_of, require_smooth
 from jaxpound.reliability.target import WITHOUT_JUMPS
 from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, unit_of
@@ -255,10 +256,12 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
     """The search in numbers, for JSON."""
     event, limit = result.event, result.config.limit
     earthquakes = [
-        {"reliability_index": float(np.linalg.norm(z)), "time_s": float(at)}
-        for z, at in zip(event.design_points, event.instants, strict=True)
+        {"reliability_index": float(beta), "time_s": float(at)}
+        for beta, at in zip(event.design_points.betas, event.instants, strict=True)
     ]
-    times, shares = event.failures_by_instant
+    samples = event.result.samples
+    thin = event.result.thin if isinstance(event.result, DesignPointResult) else math.nan
+    times, shares = samples.failures_by_instant
     return {
         **file.origin,
         "event": result.config.event,
@@ -268,8 +271,8 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
         **_numbers(limit.lowest_threshold, event),
         "method": event.method,
         "warnings": list(event.warnings),
-        "largest_share_of_a_sample": event.largest_share,
-        "share_where_samples_are_thin": event.thin,
+        "largest_share_of_a_sample": samples.largest_share,
+        "share_where_samples_are_thin": thin,
         "mean_time_of_failure_s": float(times @ shares) if len(times) else None,
         "design_earthquakes": earthquakes,
         "curve": [_numbers(*pair) for pair in result.curve.items()],

@@ -16,8 +16,8 @@ from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import Limit, Objective
-from jaxpound.design.problem import DesignProblem
-from jaxpound.design.search import Iterate, SearchResult
+from jaxpound.design.problem import DesignProblem, LogRatios
+from jaxpound.design.search import Iterate
 from jaxpound.design.space import DesignSpace
 from jaxpound.model.places import link_places
 from jaxpound.model.row import checked_floors
@@ -216,39 +216,24 @@ class Design(Shown):
     """Before (at the first start) and after, on the ensemble of the search."""
     fresh: Comparison | None
     """The same on earthquakes that the search did not use."""
+    shares: np.ndarray
+    """Its scaled variables (0 to 1 between the bounds), shape (d,)."""
+    objective: float
+    """Goal less penalties on the ensemble of the search."""
+    winner: int
+    """The start of the best design, from 0."""
+    stopped: str
+    """Why the search ended."""
+    events: dict[str, RareEvent]
+    """The rare events whose probabilities are limited, at the design, by the demand's name."""
+    _log_ratios: LogRatios  # of these probabilities
     _first: np.ndarray
     _problem: DesignProblem
-    _result: SearchResult
 
     @cached_property
     def structures(self) -> Any:
         """The design, of the kind and in the units of the space's nominal structures."""
         return jax.tree.map(float, self.space.structures(jnp.asarray(self.shares)))
-
-    @property
-    def shares(self) -> np.ndarray:
-        """Its scaled variables (0 to 1 between the bounds), shape (d,)."""
-        return np.asarray(self._result.point.scaled)
-
-    @property
-    def objective(self) -> float:
-        """Goal less penalties on the ensemble of the search."""
-        return float(self._result.point.objective)
-
-    @property
-    def winner(self) -> int:
-        """The start of the best design, from 0."""
-        return self._result.winner
-
-    @property
-    def stopped(self) -> str:
-        """Why the search ended."""
-        return self._result.stopped
-
-    @property
-    def events(self) -> dict[str, RareEvent]:
-        """The rare events whose probabilities are limited, at the design, by the demand's name."""
-        return self._result.rare.events
 
     @property
     def space(self) -> DesignSpace:
@@ -314,7 +299,7 @@ class Design(Shown):
         objective, violation = np.empty((n, n)), np.empty((n, n))
         for place in np.ndindex(n, n):
             columns = problem.evaluate(shares[place], problem.ensemble)
-            limited = problem.limited(shares[place], columns, self._result.rare.log_ratios)
+            limited = problem.limited(shares[place], columns, self._log_ratios)
             objective[place] = float(function.value(columns))
             violation[place] = (np.asarray(limited) / limits - 1).max(initial=-1.0)
         values = self.space.numbers(shares)

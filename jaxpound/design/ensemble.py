@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
 
-from jaxpound._checks import count, instance, require_memory, seed
+from jaxpound._checks import count, instance, require_memory
 from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, records_in, require_ground
@@ -101,8 +101,6 @@ class Ensemble:
         instance(owner, "scenarios", scenarios, ScenarioSet)
         n = count(owner, "n", n)
         most = require_sampling(owner, sampling)
-        if not isinstance(key, jax.Array):
-            key = seed(owner, "key", key)
         key = as_key(*key_numbers(owner, key))
         start = count(owner, "start + 1", start + 1) - 1
         scenario = jax.eval_shape(scenarios.realize, jnp.zeros(scenarios.dimension))

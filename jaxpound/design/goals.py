@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.special import logsumexp, ndtr
 
-from jaxpound._checks import Rule, enforce, finite, number, positive_number, require_share
+from jaxpound._checks import require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, parameter
 from jaxpound.results.named import kind_of, require_limited
@@ -100,7 +100,7 @@ class CVaR:
 
 
 @dataclasses.dataclass(frozen=True)
-class PoundingProbability:
+class PoundingProbability(Checked):
     """Minus the probability of pounding at a given gap, smoothed so that it has a derivative.
 
     Every earthquake counts as Φ((required gap − gap) / width), where required gap = initial gap −
@@ -117,17 +117,9 @@ class PoundingProbability:
         with the standard deviation s of the required gaps, taken as constant in the derivative.
     """
 
-    gap: float | None = None
-    width: float | None = None
+    gap: float | None = parameter(least=0, single=True, optional=True, default=None)
+    width: float | None = parameter(above=0, single=True, optional=True, default=None)
     size: ClassVar[float] = 1.0  # order of magnitude of the goal
-
-    def __post_init__(self) -> None:
-        owner = "PoundingProbability"
-        if self.gap is not None:
-            gap = number(owner, "gap", self.gap)
-            enforce(owner, [Rule("gap", gap, (gap >= 0) & finite(gap), "finite, not negative")])
-        if self.width is not None:
-            positive_number(owner, width=self.width)
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
         """Minus the smoothed share of earthquakes with pounding."""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _MULTIPLIERS_EVERY = 10  # iterations
 _FIRST_WEIGHT, _LARGEST_WEIGHT = 10.0, 100.0  # larger ones make steps and multipliers oscillate
-AT_BOUND = 0.005  # scaled distance from a bound within which a variable counts as at that bound
+_AT_BOUND = 0.005  # scaled distance from a bound within which a variable counts as at that bound
 _NEAR_LIMIT = 0.01  # of the limit
 _STEPS = 30  # of polishing, at most
 _FAR = 1e6  # replaces an objective that is not finite, in units of size
@@ -81,24 +81,6 @@ class AugmentedLagrangian:
         arguments = (*_gradient_arguments(state), 0, data)
         update = self.update.lower(state, *jax.eval_shape(self.gradient, *arguments), 0, data)
         return self.gradient.lower(*arguments).as_text(), update.as_text()
-
-    def jacobian(self, scaled: np.ndarray, starts: int, data: ProblemData) -> tuple[Point, Any]:
-        """A design, and the derivatives of −J and every excess by its scaled variables, (1 + m, d).
-
-        By the search's ``gradient`` program, since another would take as long to compile: each row
-        is the gradient of a Lagrangian with weight 1 for one term and 0 for all others, ``starts``
-        rows at a time. With minibatches rows are means over an epoch, and values of its last batch.
-        """
-        m = len(self.problem.objective.limits)
-        weights = np.eye(-(-(1 + m) // starts) * starts, 1 + m)
-        weights = weights.reshape(-1, starts, 1 + m).astype(scaled.dtype)
-        designs, zeros, rows = np.tile(scaled, (starts, 1)), np.zeros(starts, scaled.dtype), []
-        epoch = range(self.per_epoch)
-        for w in weights:
-            results = [self.gradient(designs, w[:, 0], w[:, 1:], zeros, i, data) for i in epoch]
-            rows += [*np.mean([gradients for _, gradients in results], axis=0)]
-        point = jax.device_get(jax.tree.map(lambda x: x[0], results[-1][0]))
-        return point, np.array(rows[: 1 + m])
 
     @cached_property
     def gradient(self) -> Wrapped:
@@ -212,12 +194,30 @@ class FirstOrderConditions:
     _evaluated: dict[bytes, FirstOrder] = dataclasses.field(default_factory=dict)
 
     def at(self, scaled: np.ndarray) -> FirstOrder:
-        """A design with its derivatives; they are computed once for each design."""
-        key = scaled.tobytes()
-        if key not in self._evaluated:
-            point, rows = self.lagrangian.jacobian(scaled, self.starts, self.data)
-            self._evaluated[key] = FirstOrder(point, goal=rows[0], slopes=rows[1:])
-        return self._evaluated[key]
+        """A design with its derivatives; they are computed once for each design.
+
+        By the search's ``gradient`` program, since another would take as long to compile: each row
+        is the gradient of a Lagrangian with weight 1 for one term and 0 for all others, ``starts``
+        rows at a time. With minibatches rows are means over an epoch, and values of its last batch.
+        """
+        if (key := scaled.tobytes()) in self._evaluated:
+            return self._evaluated[key]
+        gradient, starts, epoch = self.lagrangian.gradient, self.starts, self.lagrangian.per_epoch
+        terms = 1 + len(self.lagrangian.problem.objective.limits)
+        weights = np.eye(-(-terms // starts) * starts, terms)
+        weights = weights.reshape(-1, starts, terms).astype(scaled.dtype)
+        designs, zeros, rows = np.tile(scaled, (starts, 1)), np.zeros(starts, scaled.dtype), []
+        for w in weights:
+            arguments = designs, w[:, 0], w[:, 1:], zeros
+            results = [gradient(*arguments, i, self.data) for i in range(epoch)]
+            rows += [*np.mean([gradients for _, gradients in results], axis=0)]
+        point = jax.device_get(jax.tree.map(lambda x: x[0], results[-1][0]))
+        by_scaled = np.array(rows[:terms])
+        return self._evaluated.setdefault(key, FirstOrder(point, by_scaled[0], by_scaled[1:]))
+
+    def at_bound(self, scaled: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Variables at an active bound, nearly."""
+        return np.asarray(at_active_bound(scaled, gradient, np.asarray(self.data.box), _AT_BOUND))
 
     def polished(self, best: Point) -> tuple[Point, int]:
         """The best design by sequential quadratic programming, and all runs with a gradient."""
@@ -268,7 +268,7 @@ class FirstOrderConditions:
         active = point.limited / np.asarray(self.data.limits) - 1 > -_NEAR_LIMIT
         multipliers, gradient = np.zeros(active.size), goal
         for _ in range(3):  # which bounds are active depends on the multipliers
-            free = ~at_active_bound(point.scaled, gradient, np.asarray(self.data.box), AT_BOUND)
+            free = ~self.at_bound(point.scaled, gradient)
             if active.any():
                 multipliers[active] = nnls(slopes[active][:, free].T, -goal[free])[0]
             gradient = goal + multipliers @ slopes

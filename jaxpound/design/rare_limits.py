@@ -21,10 +21,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._errors import InvalidInput
-from jaxpound.design import lagrangian as iteration
-from jaxpound.design.lagrangian import AugmentedLagrangian, FirstOrderConditions
-from jaxpound.design.problem import OWNER, DesignProblem, LogRatios, ProblemData, RareEstimates
-from jaxpound.design.search import STOPPED_BY_CALLBACK, SearchOptions, SearchResult, search_once
+from jaxpound.design.lagrangian import FirstOrderConditions
+from jaxpound.design.problem import OWNER, DesignProblem, LogRatios, RareEstimates
+from jaxpound.design.search import STOPPED_BY_CALLBACK, Descent, SearchOptions, SearchResult
 from jaxpound.model.parameters import get, put
 from jaxpound.model.system import Structures
 from jaxpound.reliability.limit_state import LimitState
@@ -134,14 +133,11 @@ class RareLimits:
 
 
 def search_in_rounds(
-    states: Mapping[str, LimitState],
-    lagrangian: AugmentedLagrangian,
-    options: SearchOptions,
-    data: ProblemData,
-    first: np.ndarray,
+    states: Mapping[str, LimitState], descent: Descent, first: np.ndarray
 ) -> SearchResult:
     """The best design within limits on probabilities too; ``states`` are ``limit_states``."""
-    rare = RareLimits(lagrangian.problem, states, options)
+    options, data = descent.options, descent.data
+    rare = RareLimits(descent.lagrangian.problem, states, options)
     region = TrustRegion(rare.at(first))
     history: list[Any] = []
     polishing, best, current = 0, None, options
@@ -150,14 +146,15 @@ def search_in_rounds(
             path = Path(options.save)
             current = dataclasses.replace(options, save=path.with_stem(f"{path.stem}.{number + 1}"))
         approximate = data._replace(rare=region.model, box=jnp.asarray(region.box, data.box.dtype))
-        result = search_once(lagrangian, current, approximate, region.centre)
+        round_of = dataclasses.replace(descent, options=current, data=approximate)
+        result = round_of.best(region.centre)
         history, polishing = history + result.history, polishing + result.polishing
         trial = rare.at(result.point.scaled)
         ratios = trial.log_ratios
         # A probability within half of the tolerance of its limit is at its limit.
         at_limit = np.abs(ratios.values) <= TOLERANCE / 2
         active = ratios._replace(values=np.where(at_limit, 0.0, ratios.values))
-        conditions = FirstOrderConditions(lagrangian, data._replace(rare=active), options.starts)
+        conditions = descent.conditions(data._replace(rare=active))
         result = result._replace(rare=trial, conditions=conditions)
         feasible = (ratios.values <= math.log1p(TOLERANCE)).all() and not result.point.infeasible
         if feasible and (best is None or result.point.objective > best.point.objective):
@@ -240,8 +237,7 @@ def updated_curvatures(old: LogRatios, new: LogRatios) -> np.ndarray:
 
 
 def _is_optimal(conditions: FirstOrderConditions, scaled: np.ndarray) -> bool:
-    first_order, box = conditions.at(scaled), np.asarray(conditions.data.box)
-    _, gradient = conditions.multipliers(first_order.point)
-    free = ~iteration.at_active_bound(scaled, gradient, box, iteration.AT_BOUND)
-    largest = _GRADIENT_TOLERANCE * np.linalg.norm(first_order.goal)
-    return bool(np.linalg.norm(gradient[free]) <= largest)
+    point, goal, _ = conditions.at(scaled)
+    _, gradient = conditions.multipliers(point)
+    free = gradient[~conditions.at_bound(scaled, gradient)]
+    return bool(np.linalg.norm(free) <= _GRADIENT_TOLERANCE * np.linalg.norm(goal))

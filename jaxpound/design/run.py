@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -15,11 +14,11 @@ from jaxpound._checks import Rule, count, enforce, require_memory
 from jaxpound._errors import resumable, warn
 from jaxpound.design.design import Comparison, Design, SearchHistory
 from jaxpound.design.ensemble import Ensemble
-from jaxpound.design.lagrangian import AT_BOUND, AugmentedLagrangian, at_active_bound
+from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.objective import Objective
 from jaxpound.design.problem import OWNER, DesignProblem
 from jaxpound.design.rare_limits import limit_states, search_in_rounds
-from jaxpound.design.search import Progress, SearchOptions, search_once
+from jaxpound.design.search import Descent, Progress, SearchOptions
 from jaxpound.design.space import DesignSpace, start_shares
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import first_of, of_many
@@ -177,8 +176,9 @@ class Designer:
         extremes = {name: (float(x.min()), float(x.max())) for name, x in before.items()}
         warn(OWNER, unreached(topology, extremes, si=problem.si), self.strict)
         data = problem.data(before, options.limit_tolerance, options.key, limits)
-        search = partial(search_in_rounds, self.states) if self.states else search_once
-        result = search(self.lagrangian, options, data, first)
+        descent = Descent(self.lagrangian, options, data)
+        states = self.states
+        result = search_in_rounds(states, descent, first) if states else descent.best(first)
         best, limits_of, iterations = result.point, problem.objective.limits, len(result.history)
         reached = dict(zip(limits_of, map(float, best.limited), strict=True))
         reached |= {name: event.probability for name, event in result.rare.events.items()}
@@ -198,7 +198,7 @@ class Designer:
             raise InfeasibleError(f"{OWNER}: limits must leave a design, but {closest}")
         function = replace(problem.objective, limits=used)
         multipliers, gradient = result.conditions.multipliers(best)
-        at_bound = at_active_bound(best.scaled, gradient, np.asarray(data.box), AT_BOUND)
+        at_bound = result.conditions.at_bound(best.scaled, gradient)
         ends = np.where(best.scaled < 0.5, "low", "high").tolist()
         after = problem.evaluate(best.scaled, problem.ensemble)
         size, names = float(data.size), problem.space.names
@@ -213,8 +213,13 @@ class Designer:
             simulations=(iterations * options.starts + result.polishing) * self.lagrangian.batch,
             trained=Comparison(before, after, function, problem.si, topology),
             fresh=None,
+            shares=best.scaled,
+            objective=float(best.objective),
+            winner=result.winner,
+            stopped=result.stopped,
+            events=result.rare.events,
+            _log_ratios=result.rare.log_ratios,
             _first=first,
             _problem=problem,
-            _result=result._replace(conditions=None),
         )
         return design if fresh is None else replace(design, fresh=design.compare(fresh))

@@ -91,6 +91,18 @@ class Iterate(NamedTuple):
     alive: np.ndarray
 
 
+class SearchResult(NamedTuple):
+    """The best design of a search, and how it was found."""
+
+    point: Point
+    history: list[Iterate]
+    winner: int
+    stopped: str
+    polishing: int  # runs with a gradient
+    conditions: FirstOrderConditions
+    rare: RareEstimates  # at the design; no events without limited probabilities
+
+
 @dataclasses.dataclass(frozen=True)
 class Descent:
     """The iterations of all starts, until there is no more progress."""
@@ -98,6 +110,25 @@ class Descent:
     lagrangian: AugmentedLagrangian
     options: SearchOptions
     data: ProblemData
+
+    def best(self, first: np.ndarray) -> SearchResult:
+        """The best design, from a design and others spread over the box."""
+        low, high = np.asarray(self.data.box)
+        starts = spread_shares(first, self.options.starts, self.options.key)
+        starts[1:] = low + (high - low) * starts[1:]
+        designs, history, stopped = self.run(starts)
+        winner = best_start(designs, history[-1].alive)
+        best = jax.tree.map(lambda x: x[winner], designs)
+        conditions, runs = self.conditions(self.data), 0
+        polishes = self.options.polish and self.lagrangian.per_epoch == 1
+        if polishes and stopped != STOPPED_BY_CALLBACK:
+            best, runs = conditions.polished(best)
+        unlimited = RareEstimates({}, self.data.rare)
+        return SearchResult(best, history, winner, stopped, runs, conditions, unlimited)
+
+    def conditions(self, data: ProblemData) -> FirstOrderConditions:
+        """Those of first order, by the program that this search has compiled."""
+        return FirstOrderConditions(self.lagrangian, data, self.options.starts)
 
     def run(self, scaled: np.ndarray) -> tuple[Point, list[Iterate], str]:
         """From starts, shape (s, d): the best of each, all iterates, and why the search ended."""
@@ -196,35 +227,6 @@ def no_design(state: SearchState) -> Point:
     """Placeholders for the best designs, before any design was evaluated."""
     infinite, zeros = np.full_like(state.weight, np.inf), np.zeros_like(state.multipliers)
     return Point(state.scaled, -infinite, zeros, infinite, np.ones_like(state.alive), infinite)
-
-
-class SearchResult(NamedTuple):
-    """The best design of a search, and how it was found."""
-
-    point: Point
-    history: list[Iterate]
-    winner: int
-    stopped: str
-    polishing: int  # runs with a gradient
-    conditions: Any  # of first order; a design, which holds no programs, has None
-    rare: RareEstimates  # at the design; no events without limited probabilities
-
-
-def search_once(
-    lagrangian: AugmentedLagrangian, options: SearchOptions, data: ProblemData, first: np.ndarray
-) -> SearchResult:
-    """The best design of one search, from a design and others spread over the box."""
-    low, high = np.asarray(data.box)
-    starts = spread_shares(first, options.starts, options.key)
-    starts[1:] = low + (high - low) * starts[1:]
-    designs, history, stopped = Descent(lagrangian, options, data).run(starts)
-    winner = best_start(designs, history[-1].alive)
-    best = jax.tree.map(lambda x: x[winner], designs)
-    conditions, runs = FirstOrderConditions(lagrangian, data, options.starts), 0
-    if options.polish and lagrangian.per_epoch == 1 and stopped != STOPPED_BY_CALLBACK:
-        best, runs = conditions.polished(best)
-    unlimited = RareEstimates({}, data.rare)
-    return SearchResult(best, history, winner, stopped, runs, conditions, unlimited)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -46,7 +46,8 @@ def design_earthquake(event: RareEvent, number: int = 0) -> Figure:
     if not state.series or state.searches_overlaps:
         displacements(response, below)
         return figure
-    series, time, level = state.series[int(event.series[number])], earthquake.time, state.level
+    series = state.series[int(event.design_points.series[number])]
+    time, level = earthquake.time, state.level
     values, words = _values(response, series), series.words.partition(",")[0]
     factor, words = house.with_unit(words, series.kind, response.si, float(np.abs(values).max()))
     values, level = factor * values, factor * level
@@ -96,7 +97,7 @@ def probability_curve(events: Sequence[RareEvent], ax: Axes | None = None) -> Ax
         raise InvalidInput("probability_curve", "events", "", "must be of one demand")
     ax = new_axes(ax)
     ranked = sorted(events, key=lambda event: event.limit_state.level)
-    demand, nominal = states[0].demand, states[0].programs.nominal
+    demand, nominal = states[0].demand, states[0].nominal
     at = np.array([event.limit_state.level for event in ranked])
     factor, words = 1.0, "demand"
     if isinstance(demand, str):

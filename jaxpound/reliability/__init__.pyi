@@ -1,6 +1,8 @@
 from .limit_state import LimitState as LimitState
 from .result import DesignEarthquake as DesignEarthquake
+from .result import DesignPointResult as DesignPointResult
 from .result import RareEvent as RareEvent
+from .result import SubsetResult as SubsetResult
 from .run import rare_event as rare_event
 from .subset import subset_simulation as subset_simulation
 from .target import TargetResult as TargetResult

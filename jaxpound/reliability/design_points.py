@@ -195,9 +195,25 @@ class DesignPoints:
     def __len__(self) -> int:
         return len(self.z)
 
-    def within(self, distance: float) -> DesignPoints:
-        """The points that are farther than the nearest by no more than a distance."""
-        return self.rows(self.betas <= self.betas[:1].sum() + distance)
+    @property
+    def near(self) -> DesignPoints:
+        """Those near enough to the nearest for samples to be drawn around them."""
+        return self.rows(self.betas <= self.betas[:1].sum() + NEAR)
+
+    @staticmethod
+    def none(dimension: int) -> DesignPoints:
+        """No points, of so many standard normal numbers."""
+        numbers = np.zeros(0, int)
+        z = np.zeros((0, dimension))
+        return DesignPoints(z, z, np.zeros(0), numbers, numbers)
+
+    def start(self, steps: float) -> DesignPoints:
+        """The points where another search begins, which has ``steps`` time steps in one of these.
+
+        Runs, gradients and the covered share are counted anew.
+        """
+        instants = np.where(self.instants < 0, -1, np.round(self.instants * steps)).astype(int)
+        return DesignPoints(self.z, self.directions, self.betas, instants, self.series)
 
     def rows(self, rows: np.ndarray) -> DesignPoints:
         """Some of the points."""

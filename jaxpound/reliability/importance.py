@@ -9,7 +9,6 @@ samples reach the limit state away from the design points, the estimate has a wa
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
@@ -20,9 +19,16 @@ from jaxtyping import Float
 from scipy.special import log_ndtr, logsumexp, ndtr
 
 from jaxpound._errors import InvalidInput, warn
-from jaxpound.reliability.design_points import COVERED, NEAR, DesignPoints, find_design_points
+from jaxpound.reliability.design_points import COVERED, DesignPoints, find_design_points
 from jaxpound.reliability.limit_state import COMPILING, LimitState, SearchRuns, require_dependence
-from jaxpound.reliability.result import NO_ESTIMATE, RAREST, RareEvent, always
+from jaxpound.reliability.result import (
+    NO_ESTIMATE,
+    RAREST,
+    DesignPointResult,
+    RareEvent,
+    Samples,
+    always,
+)
 from jaxpound.scenarios.sampling import Points, as_key, key_numbers, points
 from jaxpound.store.archive import DamagedError, digest, opened, write_archive
 
@@ -59,7 +65,7 @@ class Mixture(NamedTuple):
     @staticmethod
     def of(points: DesignPoints) -> Mixture:
         """The mixture of design points, each weighted by the probability beyond its plane."""
-        near = points.within(NEAR)
+        near = points.near
         logs = log_ndtr(-near.betas)
         _, sizes, rows = np.linalg.svd(near.directions, full_matrices=False)
         rank = int(np.searchsorted(np.cumsum(sizes**2) / np.sum(sizes**2), _SPANNED)) + 1
@@ -84,46 +90,6 @@ class Mixture(NamedTuple):
         return np.logaddexp(np.log1p(-_GUARD) + around, np.log(_GUARD) + guard), guard - around
 
 
-class Samples(NamedTuple):
-    """Samples of a limit state, with weights φ/q."""
-
-    points: Float[np.ndarray, "n d"]
-    weights: Float[np.ndarray, " n"]
-    values: Float[np.ndarray, " n"]
-    times: Float[np.ndarray, " n"]
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    @property
-    def parts(self) -> np.ndarray:
-        """Each sample's part of n times the estimate."""
-        return np.where(self.values >= 0, self.weights, 0.0)
-
-    @property
-    def probability(self) -> float:
-        """The estimate."""
-        return float(self.parts.mean())
-
-    @property
-    def cov(self) -> float:
-        """Its coefficient of variation; infinite where no sample reaches the limit state."""
-        parts, mean = self.parts, self.parts.mean()
-        return float(parts.std(ddof=1) / math.sqrt(len(parts)) / mean) if mean > 0 else math.inf
-
-    def joined(self, other: Samples) -> Samples:
-        """Both samples together."""
-        return Samples(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
-
-
-class Unrepresented(NamedTuple):
-    """Why design points do not stand for all failures, and what their search has cost."""
-
-    doubt: str
-    runs: int
-    gradients: int
-
-
 class DesignPointSearch:
     """A search for the probability of a limit state by its design points; see ``rare_event``."""
 
@@ -137,26 +103,26 @@ class DesignPointSearch:
         folder: str | PathLike[str] | None,
         bar: Any,
     ) -> None:
-        self.runs = 0  # so far
+        self.runs = self.gradients = 0  # so far
         self._state, self._cov, self._most, self._bar = state, cov, most, bar
         kind, self._numbers = key_numbers(OWNER, key)
         # Of d + 1 numbers: the last selects a part of the mixture.
         self._normal = points("plain", as_key(kind, self._numbers), state.dimension + 1)
         self._start, self._folder = start, None if folder is None else Path(folder)
-        design_points = None if start is None else start.design_points
+        design_points = None if start is None else start.design_points.z
         search, more = "a search by design points", {"start": design_points, "format": _FORMAT}
         # Batches by number, and whether they are plain; their samples are drawn again.
         self._stored = SearchRuns(folder, search, state, key, _COLUMNS, BATCH, **more)
 
-    def event(self, only_by_points: bool) -> RareEvent | Unrepresented:
-        """The event, or ``Unrepresented`` where design points do not stand for all failures."""
+    def event(self, only_by_points: bool) -> RareEvent | str:
+        """The event, or a sign that design points do not stand for all failures, in words."""
         points = None if self._start is None else self._design_points()
         if points is None or not points.form() <= COMMON / 2:  # NaN without points
             self._bar.set_postfix_str(COMPILING)
             pilot = self._batch(0, None)
             require_dependence(OWNER, self._state, pilot.points, pilot.values)
             if pilot.probability > COMMON:
-                return self._plain(pilot, 0 if points is None else points.gradients)
+                return self._plain(pilot)
         points = self._design_points() if points is None else points
         doubt = self._doubt(points)
         if not doubt or (only_by_points and len(points)):
@@ -165,12 +131,13 @@ class DesignPointSearch:
             rule = f"must lead to the limit state, but none of {points.failed} searches has"
             rule += " reached it; use method = 'subset', or in reach_probability another value to"
             raise InvalidInput(OWNER, "gradients", "", f"{rule} start from")
-        return Unrepresented(doubt, self.runs, points.gradients)
+        return doubt
 
     def _design_points(self) -> DesignPoints:
         """The design points: from their file, or sought from those of the start, or at random."""
         self._bar.set_postfix_str("compiling the gradients")
         points = self._search() if self._folder is None else self._stored_points(self._folder)
+        self.gradients += points.gradients
         self.runs += points.runs
         self._bar.update(points.runs)
         return points
@@ -182,10 +149,8 @@ class DesignPointSearch:
 
         gradients = runs = 0
         if self._start is not None:
-            z, instants = self._start.design_points, self._start.instants / self._state.grid.dt
-            numbers = np.where(np.isnan(instants), -1, np.round(instants)).astype(int)
-            unknown, betas = np.zeros_like(z), np.linalg.norm(z, axis=1)
-            first = DesignPoints(z, unknown, betas, numbers, self._start.series)
+            steps = self._start.limit_state.grid.dt / self._state.grid.dt
+            first = self._start.design_points.start(steps)
             near = find_design_points(self._state, self._numbers, first, report)
             if len(near):
                 return near
@@ -219,15 +184,14 @@ class DesignPointSearch:
         write_archive(path, arrays, {"study": seal, **about, "shape": [*points.z.shape]})
         return points
 
-    def _plain(self, pilot: Samples, gradients: int) -> RareEvent:
-        """The event of plain samples, where it is not rare, after so many gradients."""
+    def _plain(self, pilot: Samples) -> RareEvent:
+        """The event of plain samples, where it is not rare."""
         sure = pilot.probability == 1
         samples = pilot if sure else self._samples(None, self._most, pilot)
-        points = {"design_points": np.zeros((0, self._state.dimension)), "instants": np.zeros(0)}
-        method = "plain Monte Carlo: the event is not rare"
-        event = self._event(method, samples, gradients=gradients, **points)
+        result = DesignPointResult(samples, DesignPoints.none(self._state.dimension))
         bound = [always(len(samples))] if sure else []
-        return dataclasses.replace(event, warnings=(*self._unsure(event), *bound))
+        method = "plain Monte Carlo: the event is not rare"
+        return self._event(result, method, *self._unsure(samples), *bound)
 
     def _doubt(self, points: DesignPoints) -> str:
         """A sign that design points do not stand for all failures, in words; empty without one."""
@@ -254,36 +218,26 @@ class DesignPointSearch:
 
     def _around(self, points: DesignPoints, doubt: str) -> RareEvent:
         """The event of samples around design points, about which there is a doubt in words."""
-        state, near = self._state, points.within(NEAR)
+        state = self._state
         doubts = (f"{doubt}: compare with subset_simulation",) if doubt else ()
-        design_points = {
-            "gradients": points.gradients,
-            "design_points": points.z,
-            "instants": np.where(points.instants < 0, np.nan, points.instants * state.grid.dt),
-            "series": points.series,
-            "form": near.form(),
-        }
         if ndtr(-points.betas).sum() < RAREST:
             by = f"by the design points (the nearest at {points.betas[0]:.3g})"
             bound = f"out of reach: the probability is below {RAREST:g}, {by}; {NO_ESTIMATE}"
-            none = Samples(np.zeros((0, state.dimension)), *np.zeros((3, 0)))
-            more = {"probability": RAREST, "cov": float("nan"), "warnings": (bound, *doubts)}
-            return self._event("design points, no samples", none, **design_points, **more)
+            none = Samples(np.zeros((0, state.dimension)), *np.zeros((2, 0)))
+            result = DesignPointResult(none, points)
+            return self._event(result, "design points, no samples", bound, *doubts)
         mixture = Mixture.of(points)
         samples = self._samples(mixture, self._most - self.runs)
-        method = f"importance sampling around {len(near)} design points"
+        method = f"importance sampling around {len(mixture.centres)} design points"
         method += ", one an instant" if state.series else ""
         is_thin = mixture.log_ratios(samples.points)[1] > -np.log(_SPARSE)
         thin = samples.parts[is_thin].sum() / max(samples.parts.sum(), 1e-300)
-        event = self._event(method, samples, thin=float(thin), **design_points)
-        signs = (*doubts, *self._unsure(event), *signs_of_missed_failures(event, near))
-        return dataclasses.replace(event, warnings=signs)
+        result = DesignPointResult(samples, points, float(thin))
+        signs = *self._unsure(samples), *signs_of_missed_failures(state, result)
+        return self._event(result, method, *doubts, *signs)
 
-    def _event(self, method: str, samples: Samples, **fields: Any) -> RareEvent:
-        if len(samples):
-            fields |= {"probability": samples.probability, "cov": samples.cov}
-        fields |= samples._asdict()
-        return RareEvent(runs=self.runs, method=method, limit_state=self._state, **fields)
+    def _event(self, result: DesignPointResult, method: str, *warnings: str) -> RareEvent:
+        return RareEvent(self._state, result, self.runs, self.gradients, method, warnings)
 
     def _samples(self, mixture: Mixture | None, most: int, first: Samples | None = None) -> Samples:
         """Samples, as many as are needed: plain ones, or of a mixture; ``first`` is batch 0."""
@@ -311,27 +265,28 @@ class DesignPointSearch:
         self._bar.update(BATCH)
         return Samples(z, weights, values, times)
 
-    def _unsure(self, event: RareEvent) -> Iterator[str]:
-        if event.cov > self._cov:
-            reached = f"the coefficient of variation is {event.cov:.2g} after {event.runs:,} runs"
+    def _unsure(self, samples: Samples) -> Iterator[str]:
+        if samples.cov > self._cov:
+            reached = f"the coefficient of variation is {samples.cov:.2g} after {self.runs:,} runs"
             yield f"{reached}, above {self._cov:.2g}: raise max_runs = {self._most:,}"
-        if failed := np.count_nonzero(~np.isfinite(event.values)):
-            yield f"{failed:,} of {len(event.values):,} runs failed and count as safe"
+        if failed := np.count_nonzero(~np.isfinite(samples.values)):
+            yield f"{failed:,} of {len(samples):,} runs failed and count as safe"
 
 
-def signs_of_missed_failures(event: RareEvent, near: DesignPoints) -> Iterator[str]:
+def signs_of_missed_failures(state: LimitState, result: DesignPointResult) -> Iterator[str]:
     """Signs that failures were missed, in sentences."""
-    if event.thin > _THIN:
-        source = f"{event.thin:.0%} of the estimate comes from where few samples are drawn"
+    samples, near = result.samples, result.design_points.near
+    if result.thin > _THIN:
+        source = f"{result.thin:.0%} of the estimate comes from where few samples are drawn"
         reason = "there are failures that no design point stands for"
         yield f"{source}: {reason}; compare with subset_simulation"
-    if event.largest_share > _LARGEST:
-        share = f"a single sample makes {event.largest_share:.0%} of the estimate"
+    if samples.largest_share > _LARGEST:
+        share = f"a single sample makes {samples.largest_share:.0%} of the estimate"
         yield f"{share}: ask for a smaller cov, or compare with subset_simulation"
-    ends = near.instants * event.limit_state.grid.dt
-    if (event.values >= 0).any() and (near.instants >= 0).all():
-        times, shares = event.failures_by_instant
-        period = 2 * np.pi * (event.limit_state.grid.dt / event.limit_state.time_step)
+    ends = near.instants * state.grid.dt
+    if (samples.values >= 0).any() and (near.instants >= 0).all():
+        times, shares = samples.failures_by_instant
+        period = 2 * np.pi * (state.grid.dt / state.time_step)
         outside = shares[(times < ends.min() - period / 2) | (times > ends.max() + period)].sum()
         if outside > _OUTSIDE:
             source = f"{outside:.0%} of the estimate comes from runs whose demand is largest at"

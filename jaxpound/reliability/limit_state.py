@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, cached_property
 from os import PathLike
 from typing import Any
+from weakref import WeakValueDictionary
 
 import jax
 import jax.numpy as jnp
@@ -42,8 +43,7 @@ _STRONGER = (3.0, 10.0)  # factors of z for the runs that check a seemingly cons
 _RUNS = 128
 _GRADIENTS = 32
 
-BatchId = tuple[int, int]
-QueryId = tuple[int, int]  # number of a repeat of subset simulation, and that of one of its queries
+BatchId = tuple[int, int]  # of subset simulation the numbers of a repeat and of one of its queries
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,8 +70,11 @@ class LimitState:
         required gap only: the event is pounding, that any link closes its own gap at rest.
     changes
         Values of parameters of the structures, by path, which replace those of the scenarios.
-    programs
-        The compiled programs of another limit state, to be used again if they serve this one.
+
+    Notes
+    -----
+    Limit states of the same scenarios (the same object), grid, scheme and demand share their
+    compiled programs, as those of ``dataclasses.replace(state, threshold=0.3)`` do.
 
     Examples
     --------
@@ -89,7 +92,6 @@ class LimitState:
     demand: DemandSpec = REQUIRED_GAP
     threshold: float | None = parameter(single=True, optional=True, default=None)
     changes: Mapping[str, float] = part(Mapping, default_factory=dict)
-    programs: Any = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         check(self)
@@ -97,13 +99,25 @@ class LimitState:
             object.__setattr__(self, "threshold", float(self.threshold))
         elif self.demand != REQUIRED_GAP:
             named.require_threshold(OWNER, self.demand)
-        if self.programs is None or not self.programs.serve(self):
-            object.__setattr__(self, "programs", LimitStatePrograms(self))
-        if self.changes:
-            require_paths(f"{OWNER}: changes", self.programs.nominal, self.changes)
+        require_paths(f"{OWNER}: changes", self.nominal, self.changes)
 
     def __reduce__(self) -> tuple[Any, ...]:  # without compiled programs, which are made anew
-        return LimitState, tuple(getattr(self, x.name) for x in dataclasses.fields(self)[:-1])
+        return LimitState, tuple(getattr(self, x.name) for x in dataclasses.fields(self))
+
+    @cached_property
+    def _programs(self) -> LimitStatePrograms:
+        """Compiled programs, which limit states share that differ in numbers alone."""
+        demand = self.demand if isinstance(self.demand, str) else id(self.demand)
+        # Without a threshold that of the overlap. Programs keep alive what is known by identity.
+        key = id(self.scenarios), self.grid, self.scheme, demand, self.threshold is None
+        if (programs := _PROGRAMS.get(key)) is None:
+            programs = _PROGRAMS[key] = LimitStatePrograms(self)
+        return programs
+
+    @property
+    def nominal(self) -> Structures:
+        """The structures at z = 0, with the medians of random parameters, without changes."""
+        return self._programs.nominal
 
     @property
     def dimension(self) -> int:
@@ -118,7 +132,7 @@ class LimitState:
     @property
     def time_step(self) -> float:
         """The time step in 1/ω1, whichever unit of time the grid has."""
-        nominal = self.programs.nominal
+        nominal = self.nominal
         unit = float(nominal.scales.frequency) if isinstance(nominal, Buildings) else 1
         return self.grid.dt * unit
 
@@ -143,7 +157,7 @@ class LimitState:
         if np.ndim(z) != 2 or not len(z) or np.shape(z)[1] != self.dimension:
             rule = f"of shape {np.shape(z)} must be of shape (n, {self.dimension}), n at least 1"
             raise InvalidInput(f"{OWNER}.values", "z", "", rule)
-        demanded, times = self.programs.observed(z, self.changes)
+        demanded, times = self._programs.observed(z, self.changes)
         return demanded - self.level, times
 
     def gradients(
@@ -155,22 +169,21 @@ class LimitState:
         ``LimitState.series``, of its series. Without series the values are those of the whole run.
         """
         more = (instants, np.array([x.row for x in self.series])[series]) if self.series else ()
-        demanded, slope = self.programs.gradients(z, self.changes, *more)
+        demanded, slope = self._programs.gradients(z, self.changes, *more)
         return demanded - self.level, slope
 
     def sensitivities(
         self, z: np.ndarray, chosen: Sequence[str] | None = None
     ) -> dict[str, np.ndarray]:
         """Derivatives of ``values`` by chosen or all parameters, by path, shape (n,) each."""
-        nominal = self.programs.nominal
-        names = tuple(paths(nominal) if chosen is None else chosen)
-        require_paths(f"{OWNER}.sensitivities", nominal, names)
-        return self.programs.sensitivities(names)(z, self.changes)
+        names = tuple(paths(self.nominal) if chosen is None else chosen)
+        require_paths(f"{OWNER}.sensitivities", self.nominal, names)
+        return self._programs.sensitivities(names)(z, self.changes)
 
     @property
     def series(self) -> tuple[Series, ...]:
         """The series whose largest number over the run is the demand; none for other demands."""
-        return self.programs.series
+        return self._programs.series
 
     @property
     def searches_overlaps(self) -> bool:
@@ -178,7 +191,7 @@ class LimitState:
 
         They are for a demand that impacts make, which has no slope before blocks meet.
         """
-        return self.programs.searches_overlaps
+        return self._programs.searches_overlaps
 
     def realized(
         self, z: Any, changes: Mapping[str, Any], *, passing: bool = False
@@ -214,7 +227,6 @@ def state_of(
     scheme: Scheme,
     demand: Any,
     threshold: Any,
-    programs: Any = None,
 ) -> LimitState:
     """The limit state of a search; a gap stands for its threshold."""
     if gap is not None and (demand != REQUIRED_GAP or threshold is not None):
@@ -222,7 +234,7 @@ def state_of(
     if gap is not None:
         (threshold,) = not_negative(owner, gap=number(owner, "gap", gap))
     findings = doubts(owner, scenarios, grid)
-    state = LimitState(scenarios, grid, scheme, demand, threshold, programs=programs)
+    state = LimitState(scenarios, grid, scheme, demand, threshold)
     if demand != REQUIRED_GAP:  # whose runs leave laws of contact out
         warn(owner, findings, strict=False)
     return state
@@ -245,7 +257,6 @@ class LimitStatePrograms:
     """Compiled programs of a limit state, for batches of points of any size, shape (n, d)."""
 
     def __init__(self, state: LimitState) -> None:
-        self._of = state
         origin = jnp.zeros(state.dimension)
         self.nominal, _ = state.scenarios.realize(origin)
         single_system(OWNER, self.nominal)
@@ -277,13 +288,9 @@ class LimitStatePrograms:
             lambda *names: program_digest(state.observed, origin, dict.fromkeys(names, 0.0))
         )
 
-    def serve(self, state: LimitState) -> bool:
-        """Whether another limit state has the same programs."""
 
-        def program(x: LimitState) -> tuple[Any, ...]:  # without a threshold that of the overlap
-            return id(x.scenarios), x.grid, x.scheme, x.demand, x.threshold is None
-
-        return program(self._of) == program(state)
+_PROGRAMS: WeakValueDictionary[tuple[Any, ...], LimitStatePrograms] = WeakValueDictionary()
+"""Programs of the limit states that are in use, by what the programs depend on."""
 
 
 def _in_batches(function: Callable[..., Any], per_core: int) -> Callable[..., Any]:
@@ -328,7 +335,7 @@ class SearchRuns:
         described["key"] = {"kind": kind, "numbers": list(numbers)}
         names = ("demand", "threshold", "changes", "scenarios", "grid", "scheme")
         described |= {name: getattr(state, name) for name in names}
-        program = state.programs.digest(*state.changes)
+        program = state._programs.digest(*state.changes)
         self.identity = identity(search, columns, chunk_size, program, **described)
         self._log = RunLog(folder, self.identity)
         first, second, *results = (self._log.rows[name] for name in columns)
@@ -364,7 +371,7 @@ class SubsetRuns:
         self.failed = 0  # runs without a result
         self._state, self._bar, self._runs, self._part = state, bar, runs, part
 
-    def __call__(self, queries: Mapping[QueryId, np.ndarray]) -> dict[QueryId, np.ndarray]:
+    def __call__(self, queries: Mapping[BatchId, np.ndarray]) -> dict[BatchId, np.ndarray]:
         """Values of points by query; −∞ of runs that fail."""
         answers = {}
         for batches in self._parts(queries):
@@ -377,9 +384,9 @@ class SubsetRuns:
             self._bar.update(size)
         return answers
 
-    def _parts(self, queries: Mapping[QueryId, np.ndarray]) -> Iterator[dict[QueryId, np.ndarray]]:
+    def _parts(self, queries: Mapping[BatchId, np.ndarray]) -> Iterator[dict[BatchId, np.ndarray]]:
         """Queries that are run and written together: the same ones, and rounding, after a stop."""
-        batches: dict[QueryId, np.ndarray] = {}
+        batches: dict[BatchId, np.ndarray] = {}
         for name, points in queries.items():
             if batches and sum(map(len, batches.values())) + len(points) > self._part:
                 yield batches

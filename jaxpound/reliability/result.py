@@ -1,5 +1,8 @@
 """The result of a search for a rare event: its probability and how it comes about.
 
+``RareEvent`` has what both methods give, and the result of its method: ``DesignPointResult`` or
+``SubsetResult``.
+
 Derivatives of a small probability by parameters of the structures follow from the samples near the
 limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V.
 Only samples near the limit count: those whose value is exceeded with a probability between
@@ -16,7 +19,7 @@ from functools import cached_property
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import ndtri
 
 from jaxpound._checks import require_share
@@ -24,6 +27,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.parameters import require_paths
 from jaxpound.model.system import Structures, in_si
+from jaxpound.reliability.design_points import DesignPoints
 from jaxpound.reliability.limit_state import LimitState
 from jaxpound.results.named import event_in_words
 from jaxpound.study.statistics import Estimate
@@ -63,6 +67,119 @@ class DesignEarthquake(NamedTuple):
     ground: Any
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples of a limit state; the probability is mean(weights · (values ≥ 0))."""
+
+    points: Float[np.ndarray, "n d"]
+    """Standard normal numbers."""
+    weights: Float[np.ndarray, " n"]
+    values: Float[np.ndarray, " n"]
+    """``LimitState.values`` of the points: at least 0 where the event occurs."""
+    times: Float[np.ndarray, " n"] = dataclasses.field(default_factory=lambda: np.zeros(0))
+    """Time of each one's smallest gap, NaN for other demands; empty by subset simulation."""
+    repeats: Int[np.ndarray, " n"] = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    """Number of each one's repeat: samples of a repeat are correlated. Empty where all samples are
+    independent."""
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def parts(self) -> np.ndarray:
+        """Each sample's part of n times the probability."""
+        return np.where(self.values >= 0, self.weights, 0.0)
+
+    @property
+    def probability(self) -> float:
+        """The estimate."""
+        return float(self.parts.mean())
+
+    @property
+    def cov(self) -> float:
+        """Its coefficient of variation; infinite if no sample reaches the limit state."""
+        parts = self.parts
+        return cov_of_mean(parts) if parts.any() else math.inf
+
+    @property
+    def largest_share(self) -> float:
+        """The share of the estimate that a single sample makes."""
+        parts = self.parts
+        return float(parts.max() / parts.sum()) if parts.any() else math.nan
+
+    @property
+    def failures_by_instant(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times of the smallest gap where the event occurs, in order, and their shares of P.
+
+        Shares sum to 1; times are in the grid's unit. There are none by subset simulation.
+        """
+        hit = np.flatnonzero((self.values >= 0)[: len(self.times)])
+        rows = hit[np.argsort(self.times[hit], kind="stable")]
+        return self.times[rows], self.weights[rows] / max(self.weights[rows].sum(), 1e-300)
+
+    def joined(self, other: Samples) -> Samples:
+        """Both samples together."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Samples(*(np.concatenate(pair) for pair in pairs))
+
+    def slope(self, above: np.ndarray) -> Slope:
+        """Ratio of the sum over samples to that of ``parts``; only repeats are independent."""
+        below = self.parts
+        if self.repeats.size:
+            above, below = np.bincount(self.repeats, above), np.bincount(self.repeats, below)
+        ratio = above.sum() / below.sum()
+        error = np.std(above - ratio * below, ddof=1) / np.sqrt(len(below)) / below.mean()
+        return Slope(float(ratio), float(error))
+
+
+def cov_of_mean(numbers: np.ndarray) -> float:
+    """Coefficient of variation of the mean of independent numbers."""
+    return float(numbers.std(ddof=1) / math.sqrt(len(numbers)) / numbers.mean())
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DesignPointResult:
+    """Samples around design points; or plain ones of an event that is not rare, without points."""
+
+    samples: Samples
+    """None where the event is out of reach."""
+    design_points: DesignPoints
+    thin: float = math.nan
+    """Share of the estimate from regions with few samples: failures far from all design points.
+    NaN without design points."""
+
+    @property
+    def probability(self) -> float:
+        """The estimate; without samples a bound."""
+        return self.samples.probability if len(self.samples) else RAREST
+
+    @property
+    def cov(self) -> float:
+        """Its coefficient of variation; NaN of a bound."""
+        return self.samples.cov if len(self.samples) else math.nan
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SubsetResult:
+    """Samples of all levels of subset simulation, each level without those in the next."""
+
+    samples: Samples
+    estimates: Float[np.ndarray, " r"]
+    """The probability by each repeat."""
+    bound: float | None = None
+    """A bound on a probability that is out of reach."""
+
+    @property
+    def probability(self) -> float:
+        """The mean of the estimates, or the bound."""
+        return float(self.estimates.mean()) if self.bound is None else self.bound
+
+    @property
+    def cov(self) -> float:
+        """The coefficient of variation of that mean; NaN of a bound."""
+        return cov_of_mean(self.estimates) if self.bound is None else math.nan
+
+
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class RareEvent(Shown):
     """The probability of a limit state; made by ``rare_event`` or ``subset_simulation``.
@@ -70,43 +187,65 @@ class RareEvent(Shown):
     Its samples have weights: the probability is mean(weights · (values ≥ 0)).
     """
 
-    probability: float
-    """The estimate P of the probability."""
-    cov: float
-    """Coefficient of variation of the estimate."""
+    limit_state: LimitState
+    result: DesignPointResult | SubsetResult
+    """What the method has found."""
     runs: int
     """Number of runs."""
     gradients: int
     """Number of runs with a gradient by z."""
     method: str
     """The method, in words."""
-    limit_state: LimitState
-    points: np.ndarray
-    """Samples, standard normal numbers, shape (n, d)."""
-    weights: np.ndarray
-    """Their weights, shape (n,)."""
-    values: np.ndarray
-    """``LimitState.values`` of the samples, shape (n,): at least 0 where the event occurs."""
-    design_points: np.ndarray
-    """Points nearest to the origin at which the limit state is reached, one an instant, the nearest
-    first, shape (k, d); k = 0 for a method without them."""
-    instants: np.ndarray
-    """Their instants in the grid's unit, shape (k,); NaN where the demand has none."""
-    form: float = float("nan")
-    """Probability by the first-order reliability method over the whole run, from the design points
-    alone; NaN without them."""
     warnings: tuple[str, ...] = ()
     """Why not to trust the estimate, in sentences."""
-    series: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
-    """Number of each design point's series in ``LimitState.series``, shape (k,)."""
-    times: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
-    """Time of each sample's smallest gap, shape (n,); empty by subset simulation."""
-    repeats: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
-    """Number of each sample's repeat, shape (n,): samples of a repeat are correlated. Empty where
-    all samples are independent."""
-    thin: float = float("nan")
-    """Share of the estimate from regions with few samples: failures far from all design points.
-    NaN for a method without design points."""
+
+    @property
+    def probability(self) -> float:
+        """The estimate P of the probability."""
+        return self.result.probability
+
+    @property
+    def cov(self) -> float:
+        """Coefficient of variation of the estimate."""
+        return self.result.cov
+
+    @property
+    def points(self) -> Float[np.ndarray, "n d"]:
+        """Samples, standard normal numbers."""
+        return self.result.samples.points
+
+    @property
+    def weights(self) -> Float[np.ndarray, " n"]:
+        """Weights of the samples."""
+        return self.result.samples.weights
+
+    @property
+    def values(self) -> Float[np.ndarray, " n"]:
+        """``LimitState.values`` of the samples: at least 0 where the event occurs."""
+        return self.result.samples.values
+
+    @property
+    def repeats(self) -> Int[np.ndarray, " n"]:
+        """Number of each sample's repeat; empty where all samples are independent."""
+        return self.result.samples.repeats
+
+    @property
+    def design_points(self) -> DesignPoints:
+        """Where the limit state is nearest; none by subset simulation, or if it is not rare."""
+        if isinstance(self.result, DesignPointResult):
+            return self.result.design_points
+        return DesignPoints.none(self.limit_state.dimension)
+
+    @property
+    def instants(self) -> Float[np.ndarray, " k"]:
+        """Those of the design points in the grid's unit; NaN where the demand has none."""
+        numbers = self.design_points.instants
+        return np.where(numbers < 0, np.nan, numbers * self.limit_state.grid.dt)
+
+    @cached_property
+    def form(self) -> float:
+        """First-order estimate of P over the whole run, from the design points; NaN without."""
+        return self.design_points.near.form()
 
     @property
     def beta(self) -> float:
@@ -144,11 +283,11 @@ class RareEvent(Shown):
 
     def slopes_by(self, chosen: Sequence[str] | None = None) -> dict[str, Slope]:
         """``slopes`` by chosen parameters only, which compile sooner; raises as ``slope``."""
-        density, slopes = self._densities(), {}
-        near, parts = np.flatnonzero(density), np.zeros(len(self.values))
-        for path, slope in self.limit_state.sensitivities(self.points[near], chosen).items():
+        density, slopes, samples = self._densities(), {}, self.result.samples
+        near, parts = np.flatnonzero(density), np.zeros(len(samples))
+        for path, slope in self.limit_state.sensitivities(samples.points[near], chosen).items():
             parts[near] = density[near] * slope
-            slopes[path] = Slope(*_ratio(parts, self._parts, self.repeats))
+            slopes[path] = samples.slope(parts)
         return slopes
 
     def slope(self, path: str) -> Slope:
@@ -156,22 +295,17 @@ class RareEvent(Shown):
 
         Raises ``ValueError`` if there is no such parameter; as ``slopes``.
         """
-        require_paths("RareEvent.slope", self.limit_state.programs.nominal, [path])
+        require_paths("RareEvent.slope", self.limit_state.nominal, [path])
         return self.slopes[path]
 
     @property
     def decay(self) -> Slope:
         """λ = −d ln P/db by the threshold b, with its standard error; raises as ``slopes``."""
-        return Slope(*_ratio(self._densities(), self._parts, self.repeats))
-
-    @property
-    def _parts(self) -> np.ndarray:
-        """Each sample's part of n times the probability."""
-        return np.where(self.values >= 0, self.weights, 0.0)
+        return self.result.samples.slope(self._densities())
 
     def _densities(self) -> Float[np.ndarray, " n"]:
         """Each sample's part of n times the density of values at the limit."""
-        weights, values, hit = self.weights, self.values, self._parts
+        weights, values, hit = self.weights, self.values, self.result.samples.parts
         rule = "must have at least {} samples, of several values, that reach the limit state"
         refusal = InvalidInput("RareEvent.slope", "the event", "", rule.format(_FEWEST))
         if np.count_nonzero(hit) < _FEWEST:
@@ -188,28 +322,12 @@ class RareEvent(Shown):
         return densities
 
     @property
-    def largest_share(self) -> float:
-        """The share of the estimate that a single sample makes."""
-        parts = self._parts
-        return float(parts.max() / parts.sum()) if parts.any() else math.nan
-
-    @property
-    def failures_by_instant(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times of the smallest gap where the event occurs, in order, and their shares of P.
-
-        Shares sum to 1; times are in the grid's unit.
-        """
-        hit = np.flatnonzero((self.values >= 0)[: len(self.times)])
-        rows = hit[np.argsort(self.times[hit], kind="stable")]
-        return self.times[rows], self.weights[rows] / max(self.weights[rows].sum(), 1e-300)
-
-    @property
     def design_earthquakes(self) -> tuple[DesignEarthquake, ...]:
         """The scenarios of the design points, the likeliest first."""
-        state, earthquakes = self.limit_state, []
-        for z, time in zip(self.design_points, self.instants, strict=True):
-            scenario, beta = state.realized(z, state.changes), float(np.linalg.norm(z))
-            earthquakes.append(DesignEarthquake(beta, float(time), z, *scenario))
+        state, points, earthquakes = self.limit_state, self.design_points, []
+        for z, beta, time in zip(points.z, points.betas, self.instants, strict=True):
+            scenario = state.realized(z, state.changes)
+            earthquakes.append(DesignEarthquake(float(beta), float(time), z, *scenario))
         return tuple(earthquakes)
 
     @property
@@ -218,7 +336,7 @@ class RareEvent(Shown):
         state, threshold = self.limit_state, cast("float", self.limit_state.threshold)
         if not isinstance(state.demand, str):
             return f"demand ≥ {threshold:.4g}"
-        nominal = state.programs.nominal
+        nominal = state.nominal
         si, topology = in_si(nominal), nominal.system().topology
         return event_in_words(state.demand, threshold, si, topology)
 
@@ -233,16 +351,7 @@ class RareEvent(Shown):
         if math.isfinite(self.form):
             rows.append(("by FORM over the run", f"{self.form:.4g}"))
         if len(self.design_points):
-            least = np.linalg.norm(self.design_points, axis=1).min()
+            least = self.design_points.betas[0]
             rows.append(("smallest distance of a design point", f"{least:.4g}"))
         notes = [f"method: {self.method}", *(f"warning: {x}" for x in self.warnings)]
         return [TextTable(f"Rare event: {event}", (), rows, notes)]
-
-
-def _ratio(above: np.ndarray, below: np.ndarray, repeats: np.ndarray) -> tuple[float, float]:
-    """Ratio of two sums over samples, and its standard error; only repeats are independent."""
-    if repeats.size:
-        above, below = np.bincount(repeats, above), np.bincount(repeats, below)
-    ratio = above.sum() / below.sum()
-    error = np.std(above - ratio * below, ddof=1) / np.sqrt(len(below)) / below.mean()
-    return float(ratio), float(error)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import jax
 from tqdm.auto import tqdm
@@ -121,7 +120,7 @@ def rare_event(
     >>> bool(jp.demand(earthquake.structures, earthquake.ground, grid).min_gap < 1 - 0.399)
     True
     """
-    state = state_from(OWNER, start, scenarios, grid, gap, scheme, demand, threshold)
+    state = state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold)
     return event_of(state, cov, method, key, start, max_runs, store, progress)
 
 
@@ -140,6 +139,7 @@ def event_of(
     most = _MOST_AROUND if max_runs is None else count(OWNER, "max_runs", max_runs)
     sampling.key_numbers(OWNER, key)  # refuses a wrong key
     if start is not None:
+        instance(OWNER, "start", start, RareEvent)
         before = start.limit_state
         if before.dimension != state.dimension:
             rule = f"must be of scenarios of {state.dimension} numbers, as these are"
@@ -158,19 +158,11 @@ def event_of(
             outcome = search.event(only_by_points=method == "design points")
         if isinstance(outcome, RareEvent):
             return outcome
-        runs, gradients, why = outcome.runs, outcome.gradients, f"{outcome.doubt}: "
+        runs, gradients, why = search.runs, search.gradients, f"{outcome}: "
         store = None if store is None else Path(store) / "subset"
     more = {} if max_runs is None else {"max_runs": max_runs}
     event = simulated(state, cov=cov, key=key, store=store, progress=progress, why=why, **more)
     return dataclasses.replace(event, runs=event.runs + runs, gradients=gradients)
-
-
-def state_from(owner: str, start: RareEvent | None, *arguments: Any) -> LimitState:
-    """``state_of``, by the compiled programs of the event from which a search starts, if any."""
-    if start is not None:
-        instance(owner, "start", start, RareEvent)
-        arguments = (*arguments, start.limit_state.programs)
-    return state_of(owner, *arguments)
 
 
 def choice(state: LimitState, method: str) -> tuple[bool, str]:

@@ -22,8 +22,16 @@ from jaxpound._checks import Rule, count, enforce, positive, require_memory, req
 from jaxpound._errors import resumable
 from jaxpound.grid import TimeGrid
 from jaxpound.reliability import limit_state
-from jaxpound.reliability.limit_state import LimitState, QueryId, require_dependence
-from jaxpound.reliability.result import NO_ESTIMATE, RAREST, RareEvent, always
+from jaxpound.reliability.limit_state import BatchId, LimitState, require_dependence
+from jaxpound.reliability.result import (
+    NO_ESTIMATE,
+    RAREST,
+    RareEvent,
+    Samples,
+    SubsetResult,
+    always,
+    cov_of_mean,
+)
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
 from jaxpound.scenarios.scenarios import ScenarioSet
@@ -168,13 +176,10 @@ def simulated(
             shares_and_repeats = (np.full(inside.sum(), x) for x in (share, r))
             parts.append((level.points[inside], level.values[inside], *shares_and_repeats))
     points, values, shares, repeat_of = map(np.concatenate, zip(*parts, strict=True))
-    probability = float(estimates.mean()) if bound is None else bound
-    return RareEvent(
-        *(probability, spread, runs.count, 0, method, state),
-        *(points, shares * len(shares), values, np.empty((0, state.dimension)), np.empty(0)),
-        repeats=repeat_of,
-        warnings=(*warnings, *_warnings(levels, cov, max_runs)),
-    )
+    samples = Samples(points, shares * len(shares), values, repeats=repeat_of)
+    result = SubsetResult(samples, estimates, bound)
+    warnings += _warnings(levels, cov, max_runs)
+    return RareEvent(state, result, runs.count, 0, method, tuple(warnings))
 
 
 def _checked(
@@ -202,7 +207,7 @@ def _checked(
 def _estimate(by_repeat: Sequence[list[Level]]) -> tuple[np.ndarray, float]:
     """The estimate of each repeat, and the c.o.v. of their mean; NaN if all are 0."""
     p = np.array([levels[-1].estimate for levels in by_repeat])
-    return p, float(p.std(ddof=1) / math.sqrt(len(p)) / p.mean()) if p.any() else math.nan
+    return p, cov_of_mean(p) if p.any() else math.nan
 
 
 def _so_far(by_repeat: Sequence[list[Level]]) -> str:
@@ -326,7 +331,7 @@ def _conditional(
 
 
 def run_in_lockstep(
-    values: Callable[[Mapping[QueryId, np.ndarray]], Mapping[QueryId, np.ndarray]],
+    values: Callable[[Mapping[BatchId, np.ndarray]], Mapping[BatchId, np.ndarray]],
     repeats: Mapping[int, Levels],
     report: Callable[[list[float]], None] = lambda reached: None,
 ) -> list[list[Level]]:

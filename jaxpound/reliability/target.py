@@ -6,18 +6,20 @@ import dataclasses
 import math
 from os import PathLike
 from pathlib import Path
+from types import NoneType
 from typing import NamedTuple
 
 import jax
 
-from jaxpound._checks import Rule, enforce, finite, require_share
+from jaxpound._checks import Rule, enforce, finite, instance, require_share
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, interval, name, put, require_paths
 from jaxpound.model.system import Structures
+from jaxpound.reliability.limit_state import state_of
 from jaxpound.reliability.result import RareEvent, Slope
-from jaxpound.reliability.run import event_of, require_smooth, state_from
+from jaxpound.reliability.run import event_of, require_smooth
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.scenarios import ScenarioSet
 from jaxpound.simulation.scheme import Scheme
@@ -128,9 +130,10 @@ def reach_probability(
     """
     require_share(OWNER, "probability", probability)
     require_share(OWNER, "tolerance", tolerance)
-    first = state_from(OWNER, start, scenarios, grid, gap, scheme, demand, threshold)
+    instance(OWNER, "start", start, RareEvent, NoneType)
+    first = state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold)
     require_smooth(OWNER, first, WITHOUT_JUMPS)
-    nominal = first.programs.nominal
+    nominal = first.nominal
     require_paths(OWNER, nominal, [path])
     value = float(get(nominal, path))
     enforce(OWNER, [Rule(path, value, finite(value), "finite")])

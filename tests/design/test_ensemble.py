@@ -94,7 +94,7 @@ test_bad_ensembles_are_named = refusals(
     (lambda: Ensemble.drawn(RANDOM, 0), "n = 0 must be a positive"),
     (lambda: Ensemble.drawn(RANDOM, 2, -1), "key = -1 must be a whole number from 0"),
     (lambda: Ensemble.drawn(RANDOM, 2, jax.random.key(3, impl="rbg")), "key of kind rbg"),
-    (lambda: Ensemble.drawn(RANDOM, 2, "a"), "key = 'a' must be a whole number from 0"),
+    (lambda: Ensemble.drawn(RANDOM, 2, "a"), "key = 'a' must be a whole number or a key of jax"),
     (lambda: Ensemble.drawn(RANDOM, 4, sampling="grid"), "must be one of plain, sobol"),
     (lambda: TWO + Ensemble.of(WAVES, GRID), UNCERTAIN),
     (lambda: TWO.including(WAVES, GRID), UNCERTAIN),

@@ -97,7 +97,7 @@ def test_a_landscape_knows_the_probability_at_the_design(narrow):
     distance = abs(friction - design.values["friction"]) + abs(gap - design.values["initial_gap"])
     near = np.unravel_index(distance.argmin(), distance.shape)
     shares = SPACE.shares({"friction": friction[near], "initial_gap": gap[near]})
-    model = design._result.rare.log_ratios.at(shares)
+    model = design._log_ratios.at(shares)
     assert drawn.violation[near] == pytest.approx(float(model[0]))
 
 

@@ -11,6 +11,7 @@ from scipy import stats
 
 import jaxpound as jp
 from jaxpound.plots import hazards
+from jaxpound.reliability.result import Samples, SubsetResult
 from jaxpound.scenarios.distributions import Distribution
 from jaxpound.store.store import describe
 from tests.refusals import refusals, refused
@@ -106,12 +107,9 @@ def event(closing):
     sample = np.random.default_rng(0).normal(size=(5, 2000, 1))
     values = state.values(sample.reshape(-1, 1))
     p = (values >= 0).reshape(5, -1).mean(axis=1)
-    cov = p.std(ddof=1) / 5**0.5 / p.mean()
-    return jp.RareEvent(
-        *(p.mean(), cov, values.size, 0, "plain", state, sample.reshape(-1, 1)),
-        *(np.ones(values.size), values, np.zeros((0, 1)), np.zeros(0)),
-        repeats=np.repeat(np.arange(5), 2000),
-    )
+    sample, repeats = sample.reshape(-1, 1), np.repeat(np.arange(5), 2000)
+    samples = Samples(sample, np.ones(values.size), values, repeats=repeats)
+    return jp.RareEvent(state, SubsetResult(samples, p), values.size, 0, "plain")
 
 
 def test_a_rare_event_s_rate_and_its_intensities(event, found):

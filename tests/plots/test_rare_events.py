@@ -5,9 +5,12 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
 import jaxpound as jp
 from jaxpound.plots import rare_events
+from jaxpound.reliability.design_points import DesignPoints
+from jaxpound.reliability.result import DesignPointResult, Samples
 from tests.plots.runs import legend
 from tests.refusals import refused
 from tests.reliability.test_rare_event import FEW, HILLS, SHORT
@@ -30,10 +33,13 @@ STATE_IN_SI = jp.LimitState(IN_SI, jp.TimeGrid.until(8.0 / 5.0, 0.1 / 5.0), thre
 
 def event(gap, probability, state=STATE, instant=6.0):
     state, point = dataclasses.replace(state, threshold=gap), [1.0, -2.0, 1.0, 1.0, -1.0]
-    sample = {"points": np.zeros((0, 5)), "weights": np.zeros(0), "values": np.zeros(0)}
-    sample |= {"design_points": np.array([point]), "instants": np.array([instant])}
-    how = probability, 0.1, 1000, 100, "made up", state  # with its c.o.v., runs and gradients
-    return jp.RareEvent(*how, **sample, series=np.array([0]), form=0.8 * probability)
+    along, beta = np.array([point]) / 8**0.5, np.array([-ndtri(0.8 * probability)])
+    numbers = np.array([round(instant / state.grid.dt)]), np.array([0])
+    points = DesignPoints(along * beta, along, beta, *numbers)
+    n = round(1 / probability)
+    samples = Samples(np.zeros((n, 5)), np.ones(n), np.r_[1.0, -np.ones(n - 1)])
+    result = DesignPointResult(samples, points)
+    return jp.RareEvent(state, result, runs=1000, gradients=100, method="made up")
 
 
 def test_a_design_earthquake_and_a_curve_of_probabilities(ax):
@@ -45,7 +51,7 @@ def test_a_design_earthquake_and_a_curve_of_probabilities(ax):
     above, below = rare_events.design_earthquake(closes).axes
     assert above.lines[0].get_ydata() == pytest.approx(np.asarray(response.ground_acceleration))
     assert below.lines[0].get_ydata() == pytest.approx(closing)
-    instant = r"$t$ = 6$/\omega_1$, $\beta$ = 2.83"
+    instant = r"$t$ = 6$/\omega_1$, $\beta$ = 3.16"
     assert legend(below) == ["closing, 1–2, floor 1", "threshold", instant]
     in_metres = partial(event, state=STATE_IN_SI, instant=6.0 / 5.0)
     length, unit = float(SCALES.length), float(SCALES.gravity)

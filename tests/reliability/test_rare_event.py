@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import gc
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,13 +10,15 @@ import pytest
 from scipy.special import ndtr
 
 import jaxpound as jp
+from jaxpound.reliability import limit_state
 from jaxpound.reliability.design_points import DesignPoints, find_design_points
 from jaxpound.reliability.importance import signs_of_missed_failures
+from jaxpound.reliability.result import DesignPointResult, Samples
 from jaxpound.reliability.run import event_of
 from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 from tests.reliability import case_w
-from tests.reliability.test_hidden_failures import Analytic
+from tests.reliability.test_hidden_failures import Analytic, by_points
 from tests.reliability.test_subset import stopped
 
 
@@ -45,7 +48,7 @@ def test_probabilities_of_case_w(events, gap):
     assert event.warnings == ()
     # The union of the linearised limit states comes near without a run; the best of them does not.
     assert 0.4 < event.form / probability < 1.2
-    assert ndtr(-np.linalg.norm(event.design_points[0])) < 0.3 * probability
+    assert ndtr(-event.design_points.betas[0]) < 0.3 * probability
     # 1e-6 in less than 6,000 run equivalents, where a gradient costs some 3 runs.
     assert event.runs + 4 * event.gradients < 6000
 
@@ -65,9 +68,9 @@ def test_starts_from_other_events_and_from_few_instants(events):
     assert (again.probability, again.gradients) == (common.probability, 0)
     # Each neighbour of an instant with a point is sought from it: a curve loses none for good.
     event = events[0.645]
-    few = {name: getattr(event, name)[:2] for name in ("design_points", "instants", "series")}
+    few = by_points(event, slice(2))
     how = {"max_runs": 10, "method": "design points", "progress": False}
-    again = event_of(event.limit_state, start=dataclasses.replace(event, **few), **how)
+    again = event_of(event.limit_state, start=few, **how)
     assert "fail far from all design points" in again.warnings[0]
     assert len(again.instants) > 3
     assert set(event.instants[:2]) < set(again.instants)
@@ -146,7 +149,7 @@ def test_design_earthquakes_close_the_gap(events):
     assert first.beta == pytest.approx(5.23, abs=0.02)
     # 0.645 at its instant, so at least that over the run.
     assert -0.003 < event.limit_state.values(first.z[None])[0] < 0.05
-    times, shares = event.failures_by_instant
+    times, shares = event.result.samples.failures_by_instant
     assert shares.sum() == pytest.approx(1)
     assert abs(first.time - np.average(times, weights=shares)) < 1.5
     assert np.asarray(first.ground.samples) == pytest.approx(case_w.MATRIX @ first.z)
@@ -241,6 +244,26 @@ FRICTION = {"friction": jp.paper.structures().friction}
 STATE = jp.LimitState(FEW, SHORT, threshold=0.3, changes=FRICTION)
 
 
+def test_limit_states_share_programs_while_one_is_in_use(monkeypatch):
+    """Those of the same scenarios, grid, scheme and demand, whatever the threshold."""
+    made, make = [], limit_state.LimitStatePrograms.__init__
+    monkeypatch.setattr(
+        limit_state.LimitStatePrograms, "__init__", lambda x, of: made.append(of) or make(x, of)
+    )
+    scenarios = drawn(1)
+    state = jp.LimitState(scenarios, SHORT, threshold=0.3)
+    dataclasses.replace(state, threshold=0.4, changes=FRICTION)
+    jp.LimitState(scenarios, jp.TimeGrid.until(8.0, dt=0.1), threshold=0.2)
+    assert len(made) == 1
+    dataclasses.replace(state, demand="peak_x1")
+    jp.LimitState(drawn(1), SHORT, threshold=0.3)  # of other scenarios, though equal ones
+    assert len(made) == 3
+    del state, made[:]
+    gc.collect()
+    jp.LimitState(scenarios, SHORT, threshold=0.3)
+    assert len(made) == 1
+
+
 def few(gap, method="design points", **options):
     """The event of a gap; all share their programs, also with searches for a friction."""
     state = dataclasses.replace(STATE, threshold=gap)
@@ -315,8 +338,7 @@ def test_the_friction_for_a_probability(tmp_path, monkeypatch):
     """With the structures of case W in fewer numbers; the benchmark has case W itself."""
     args, options = (1e-4, FEW, SHORT, 0.3), {"tolerance": 0.3, "progress": False}
     start = few(0.3, cov=0.15)
-    pointless = dataclasses.replace(start, design_points=start.design_points[:0])
-    cold = jp.reach_probability("friction", *args, **options, start=pointless)  # its programs only
+    cold = jp.reach_probability("friction", *args, **options)
     assert cold.event.probability == pytest.approx(1e-4, rel=0.3)
     assert cold.structures.friction == cold.value == cold.event.limit_state.changes["friction"]
     assert len(cold.steps) <= 6
@@ -342,8 +364,8 @@ def test_the_friction_for_a_probability(tmp_path, monkeypatch):
 def test_a_period_of_structure_1_is_in_the_unit_of_the_instants():
     """The only design point is at 1 s and half of the failures at 1.8 s, a period of 0.63 s on."""
     state = SimpleNamespace(grid=SimpleNamespace(dt=0.01), time_step=0.1)
-    instants = {"failures_by_instant": (np.array([1.0, 1.8]), np.array([0.5, 0.5]))}
-    of_estimate = {"limit_state": state, "thin": 0.0, "largest_share": 0.0, "values": np.ones(2)}
-    event = SimpleNamespace(**of_estimate, **instants)
-    (sign,) = signs_of_missed_failures(event, SimpleNamespace(instants=np.array([100])))
+    samples = Samples(np.zeros((20, 1)), *np.ones((2, 20)), times=np.repeat([1.0, 1.8], 10))
+    point, first = np.ones((1, 1)), np.zeros(1, int)
+    points = DesignPoints(point, point, np.ones(1), np.array([100]), first)
+    (sign,) = signs_of_missed_failures(state, DesignPointResult(samples, points, thin=0.0))
     assert sign.startswith("50% of the estimate comes from runs whose demand is largest at times")
