@@ -327,9 +327,12 @@ class Design(Shown):
             name = limit.event(demand) if is_rare else demand
             demand_unit = "" if is_rare else unit_of(demand, si)
             active = "active limit" if demand in self.active_limits else ""
-            limits.append((name, self.limited_demands[demand], limit.most, demand_unit, active))
+            reached = self.limited_demands[demand]
+            limits.append((name, reached, limit.most, demand_unit, limit.statistic, active))
         if limits:
-            tables.append(TextTable("limits", ("", "reached", "at most", "unit", ""), limits))
+            tables.append(
+                TextTable("limits", ("", "reached", "at most", "unit", "statistic", ""), limits)
+            )
         for words, comparison in (("trained on", self.trained), ("fresh:", self.fresh)):
             if comparison is not None:
                 (table,) = comparison._tables()

@@ -65,6 +65,14 @@ class Limit:
         return "P(pounding)" if self.at_most is None else f"P({demand} >= {self.at_most:.6g})"
 
     @property
+    def statistic(self) -> str:
+        """What is limited, in words: a probability, or a statistic over the earthquakes."""
+        if isinstance(self.over, str):
+            words = {"worst": "largest", "mean": "mean"}[self.over]
+            return words if self.probability is None else "probability"
+        return f"mean of the worst {100 * self.over:.3g} %"
+
+    @property
     def most(self) -> float:
         """The largest probability, or else the largest demand."""
         most = self.at_most if self.probability is None else self.probability
