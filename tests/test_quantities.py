@@ -5,7 +5,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.quantities import DIMENSIONLESS, SI, column, unit
-from jaxpound.results.named import LIMITED_OF_PAIR, in_words, kind_of, unit_of
+from jaxpound.results.named import LIMITABLE_OF_PAIR, in_words, kind_of, unit_of
 from tests.made import SERIES, pair_demand, pair_response
 
 SERIES_KINDS = {"time": "time", "slip_direction": None}
@@ -55,7 +55,7 @@ def test_units_and_words_of_every_demand():
     assert column("pga", "acceleration", True) == "pga_m_per_s2"
     assert column("peak_impulse", "impulse", True) == "peak_impulse_N_s"
     assert column("pga", "acceleration", False) == column("pga", None, True) == "pga"
-    for name in {*ONES.scalars(), "required_gap", *LIMITED_OF_PAIR} - {"pounds", "n_impacts"}:
+    for name in {*ONES.scalars(), "required_gap", *LIMITABLE_OF_PAIR} - {"pounds", "n_impacts"}:
         assert kind_of(name) in SI
         assert in_words(name)[1:2].islower()  # words, no letters
     assert unit_of("peak_f1", si=False) == "m1 g"

@@ -71,7 +71,7 @@ class Weighted(Section):
 _BOUND = f"a number, {{at_most = ..., over = {_SHARE}}} or {{at_most = ..., probability = ...}}"
 _AtMost = Annotated[float | AtMost, says(_BOUND)]
 _Weighted = Annotated[float | Weighted, says(f"a number, or {{weight = ..., over = {_SHARE}}}")]
-_PENALTY = Range(0, 1e9, "", "metres of the goal for a unit of the price")
+_PENALTY = Range(0, 1e9, "", "metres of the goal for a unit of the demand")
 
 
 class RecordedTable(Section):

@@ -67,9 +67,12 @@ def by_path(place: str, table: Mapping[str, X], parameters: Parameters) -> dict[
         of_parameter = parameters.buildings
         if not (above_0 := [path for path in several if float(get(of_parameter, path)) > 0]):
             raise refused(f"{place} {key}", "must be of a value above 0, for factors on it")
-        if key == _INVERSE and (value := getattr(value, "inverse", None)) is None:
-            rule = "must be a lognormal factor, or have bounds above 0; give a factor on the mass, "
-            raise refused(f"{place} {key}", f"{rule}{short[key]}, instead")
+        if key == _INVERSE and value is not None:
+            if (inverse := value.inverse) is None:
+                rule = "must have low above 0" if hasattr(value, "low") else "must be lognormal"
+                rule += f"; {short[key]} takes any factor"
+                raise refused(f"{place} {key}", rule, str(value))
+            value = inverse
         for path in above_0:
             if path in by_path:
                 keys = f"{place} {by_path[path][0]} and {key}"

@@ -17,7 +17,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import pga
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import excessive, first_of, of_many, unseen
-from jaxpound.ground.run_input import as_run
+from jaxpound.ground.run_input import all_in_g, as_run
 from jaxpound.model.parameters import get, paths, put
 from jaxpound.model.system import Structures, gravity_of, in_si
 from jaxpound.model.topology import Topology
@@ -92,12 +92,13 @@ def elasticities(
     instance(owner, "grid", grid, TimeGrid)
     instance(owner, "scheme", scheme, Scheme)
     require_over(owner, over)
+    gravity = gravity_of(structures)
     if isinstance(ground, Ensemble):
         ensemble, first = ground, first_of(len(ground), grid)
-        findings = of_many(jax.tree.map(lambda x: x[:first], ground.grounds), grid, in_g=False)
+        several = all_in_g(jax.tree.map(lambda x: x[:first], ground.grounds), gravity)
+        findings = of_many(several, grid, in_g=gravity is not None)
     else:
         ensemble = Ensemble.of([ground], grid)
-        gravity = gravity_of(structures)
         peak = pga(as_run(ground, grid, gravity), grid) / (gravity or 1.0)
         findings = unseen(ground, grid, strict=strict)
         findings += excessive(ground, peak, si=gravity is not None)

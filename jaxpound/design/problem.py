@@ -19,8 +19,8 @@ from jaxpound.design.goals import LeastDemand, PoundingProbability
 from jaxpound.design.objective import Objective
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ground, Scaled
-from jaxpound.ground.run_input import require_time_unit
+from jaxpound.ground.motion import Ground
+from jaxpound.ground.run_input import all_in_g, require_time_unit
 from jaxpound.model.system import Link, common_gap, gravity_of, in_si, is_closable
 from jaxpound.reliability.result import RareEvent
 from jaxpound.results.elements import of_link
@@ -129,9 +129,7 @@ class DesignProblem:
     def first_grounds(self, n: int) -> Ground:
         """The first n ground motions, in g."""
         grounds = jax.tree.map(lambda x: x[:n], self.ensemble.grounds)
-        if (gravity := gravity_of(self.space.nominal)) is None:
-            return grounds
-        return jax.vmap(lambda ground: Scaled(ground.in_si(gravity), 1 / gravity))(grounds)
+        return all_in_g(grounds, gravity_of(self.space.nominal))
 
     @property
     def _links(self) -> Sequence[Link]:

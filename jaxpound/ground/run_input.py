@@ -65,6 +65,13 @@ def as_run(ground: GroundLike, grid: TimeGrid, gravity: Any = None) -> Ground:
     return as_pytree(ground if gravity is None else motion.as_motion(ground).in_si(gravity), grid)
 
 
+def all_in_g(grounds: Ground, gravity: Any) -> Ground:
+    """Ground motions with a leading axis, of runs in SI with a ``gravity``, in g."""
+    if gravity is None:
+        return grounds
+    return jax.vmap(lambda ground: motion.Scaled(ground.in_si(gravity), 1 / gravity))(grounds)
+
+
 def as_pytree(ground: GroundLike, grid: TimeGrid) -> Ground:
     """The ground motion itself if JAX can trace through it, else ``sampled``."""
     leaves = jax.tree.leaves(ground)

@@ -90,7 +90,8 @@ class Store:
         unsorted = _differences(store.manifest["identity"], identity)
         if differences := sorted(unsorted, key=lambda difference: "..." in difference):
             shown = "; ".join(differences[:6]) + ("; ..." if len(differences) > 6 else "")
-            raise ValueError(f"store {folder} holds another study: {shown}")
+            remedy = "take another folder, or go on with the version and the input that began it"
+            raise ValueError(f"store {folder} holds another study: {shown}; {remedy}")
         if n > store.requested():
             with _writing(folder):
                 archive.replace_file(folder / f"samples-{n}", lambda file: None)

@@ -9,7 +9,7 @@ import jaxpound as jp
 from jaxpound.cli import buildings, design, hazard, ida, montecarlo, rare, reading, simulate
 from jaxpound.cli import main as cli
 from jaxpound.cli.files import example
-from jaxpound.results.named import LIMITED_OF_PAIR
+from jaxpound.results.named import LIMITABLE_OF_PAIR
 
 CONFIGURATIONS = {"simulate": simulate.Simulation, "montecarlo": montecarlo.StudyConfig}
 CONFIGURATIONS |= {"design": design.DesignConfig, "ida": ida.IdaConfig}
@@ -61,7 +61,7 @@ def test_the_example_names_every_key(command, tables):
     if command == "montecarlo":  # as for a row, and noise as for rare events
         text += example("montecarlo", "row") + example("rare")
     if command == "design":
-        assert all(price in text for price in LIMITED_OF_PAIR)
+        assert all(price in text for price in LIMITABLE_OF_PAIR)
     for table in tables.split():
         if command == "simulate" and reading.is_table(kinds[table]):
             assert re.search(rf"(?m)^(# )?\[{table}\]$", text)

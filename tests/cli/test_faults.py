@@ -133,8 +133,8 @@ friction = {lognormal = [1.0, 100]} => [uncertain] friction = {lognormal = [1, 1
 friction = {normal = [0, 1]} => [uncertain] friction = {normal = [0, 1]} reaches -4.753 once in
 stiffness_ratio -> mass_ratio = {lognormal = [1e-7, 0.1]} => [uncertain] mass_ratio = {lognormal
     = [1e-07, 0.1]}, once in 1,000,000 draws: building.2.floor.1.mass =
-stiffness_ratio -> mass_ratio = {normal = [1.0, 0.1]} => [uncertain] mass_ratio must be a lognormal
-    factor, or have bounds above 0; give a factor on the mass, building.2.floor.1.mass, instead
+stiffness_ratio -> mass_ratio = {normal = [1.0, 0.1]} => [uncertain] mass_ratio = {normal = [1,
+    0.1]} must be lognormal; building.2.floor.1.mass takes any factor
 stiffness_ratio -> "link.1.friction_force" = {lognormal = [1.0, 0.1]}
     => [uncertain] friction and link.1.friction_force must not stand for the same parameter
 stiffness_ratio = {uniform = [1.0, 1e6]}
@@ -166,7 +166,8 @@ friction = {low = 0.0, hihg = 5.0} => did you mean 'high'?
 "rod_1.tau_f" = {low = 0.5, high = 1000} => [variables] rod_1.tau_f = 3.7846988 s^order, as
     large as it may be, must be below tau_x = 0.32098712 s^order
 "rod_1.tau_x" = {low = 0.5, high = 1e6} => at a bound: building 1: natural period
-friction = { -> mass_ratio = {low = 0.0, high = 2.0} => [variables] mass_ratio must be a lognormal
+friction = { -> mass_ratio = {low = 0.0, high = 2.0} => [variables] mass_ratio = {low = 0, high = 2,
+    scale = "linear"} must have low above 0; building.2.floor.1.mass takes any factor
 goal = "gap" => [objective] goal = "gap" must be one of
 goal = "men gap" => did you mean 'mean gap'?
 share = 0.1 => [objective] share must not be given with goal
@@ -226,9 +227,6 @@ cov = 2 => [search] cov = 2 must be between 0.001 and 0.99
 method = "form" => [search] method = "form" must be one of "auto"
 [design] ; probability = 0.1 ; parameter = "fiction"
     => [design] parameter: has an unknown key 'fiction'; did you mean 'friction'
-[design] ; probability = 0.1 ; parameter = "mass_ratio"
-    => [design] parameter: mass_ratio must be a lognormal factor, or have bounds above 0; give a
-    factor on the mass, building.2.floor.1.mass, instead
 [design] ; parameter = "friction" ; probability = 2
     => [design] probability = 2 must be between 1e-12 and 0.5
 # dt = 0.01 -> dt = 2.0 => [run] dt = 2
