@@ -20,7 +20,8 @@ def test_wavelets_beside_a_record_are_judged_in_g():
     """They are in m/s² under Buildings, where 6 m/s² is no PGA of 6 g: nothing is warned of."""
     grid, building = jp.TimeGrid(0.02, 200), jp.Building.from_period(3e5, 0.5, 0.05)
     record = jp.Record(0.1 * np.sin(2 * np.pi * grid.times()[:150]), 0.02)
-    ensemble = jp.Ensemble.of([jp.Ricker(x, 1.0, 1.5) + record for x in (0.09, 0.1)], grid)
+    waves = [jp.Ricker(amplitude, 1.0, 1.5) for amplitude in (0.09, 0.1)]
+    ensemble = jp.Ensemble.of([*waves, record], grid)
     pair = jp.Buildings((building, building), (jp.FloorLink(0, 0, friction=1e5, gap=0.1),))
     shaken = jp.elasticities(pair, ensemble, grid, demand="peak_acceleration_1")
     assert 5 < shaken.value < 30
