@@ -122,7 +122,7 @@ class Parameters:
             return f"must be a parameter of the law of {parts[2]}, which has {', '.join(of_law)}"
         links_have = "links have" if "*" in parts[1] else f"{parts[1][:-1]} has"
         feature = {"gap": "a ", "damper": "a ", "inerter": "an "}.get(parts[2], "") + parts[2]
-        return f"must be of a [[link]] with {feature}: {links_have} no {parts[2]}"
+        return f"must be of a link with {feature}: {links_have} no {parts[2]}"
 
     def require_possible(self, extremes: Sequence[tuple[str, str, Mapping[str, float]]]) -> None:
         """A ``ValueError`` for a parameter with an extreme value that no building can have.

@@ -143,7 +143,7 @@ stiffness_ratio = {uniform = [1.0, 1e6]}
     {uniform = [0.5, 2.0]} => [uncertain] contact.stiffness must be a parameter of the law of
     contact, which has restitution
 stiffness_ratio -> "contact.stiffness" = {uniform = [0.5, 2.0]} => [uncertain] contact.stiffness
-    must be of a [[link]] with contact: link.1 has no contact
+    must be of a link with contact: link.1 has no contact
 [contact] ; law = 'newton' ; restitution = 0.65 & stiffness_ratio -> contact.restitutoin =
     {uniform = [0.5, 2.0]} => [uncertain] has an unknown key 'contact
 [contact] ; law = 'newton' ; restitution = 0.65 & stiffness_ratio -> contact.restitution =
@@ -237,9 +237,9 @@ demand = "peak_contact" ; threshold = 1
 FAULTS["montecarlo_row"] = r"""
 "link.2 -> "link.1.friction_force" = {uniform = [1, 2]} => must be of a value above 0
 "link.2 -> "link.2.gap" = {uniform = [1, 2]}
-    => [uncertain] link.2.gap must be of a [[link]] with a gap: link.2 has no gap
+    => [uncertain] link.2.gap must be of a link with a gap: link.2 has no gap
 "link.2 -> "link.*.contact.stiffness" = {uniform = [1, 2]}
-    => link.*.contact.stiffness must be of a [[link]] with contact: links have no contact
+    => link.*.contact.stiffness must be of a link with contact: links have no contact
 gap = 0.05 ; contact = {law = "newton", restitution = 0.65} & "link.2 ->
     "link.1.contact.stiffness" = {uniform = [1, 2]} => must be a parameter of the law of contact,
     which has restitution
