@@ -175,7 +175,7 @@ def refuse_key(key):
 
 SECOND = "[[link]]\nbuilding = 2\nfloor = 1\nnext_building = 'ground'\nfriction_force = 1e4\n"
 test_keys = refusals(
-    ("link.2.damper.force", r"must be of a \[\[link\]\] with a damper: link.2 has no damper"),
+    ("link.2.damper.force", r"must be of a link with a damper: link.2 has no damper"),
     ("link.2.velocity_friction.increase", r"with velocity_friction: link.2 has no velocity_fri"),
     ("building.2.isolation.gap", "must be of a building, floor, storey or .* that is there"),
     ("building.1.isolation.radius", "has an unknown key 'building.1.isolation.radius'"),
