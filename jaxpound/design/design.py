@@ -330,9 +330,8 @@ class Design(Shown):
             reached = self.limited_demands[demand]
             limits.append((name, reached, limit.most, demand_unit, limit.statistic, active))
         if limits:
-            tables.append(
-                TextTable("limits", ("", "reached", "at most", "unit", "statistic", ""), limits)
-            )
+            headings = ("", "reached", "at most", "unit", "statistic", "")
+            tables.append(TextTable("limits", headings, limits))
         for words, comparison in (("trained on", self.trained), ("fresh:", self.fresh)):
             if comparison is not None:
                 (table,) = comparison._tables()

@@ -56,10 +56,8 @@ class ParetoFront(Shown):
         objective = f"objective ({symbol})" if symbol else "objective"
         words = in_words(self.limited_demand, first.trained.topology)
         columns = (f"{words} ({demand_unit})", objective, *first.space.names)
-        rows = [
-            (x.limited_demands[self.limited_demand], x.objective, *x.values.values())
-            for x in self.designs
-        ]
+        limited = zip(self.limited_demands, self.designs, strict=True)
+        rows = [(reached, x.objective, *x.values.values()) for reached, x in limited]
         notes = [f"no design for a limit of {x:.5g} {demand_unit}" for x in self.infeasible]
         return [TextTable(f"Pareto front of {len(self.designs)} designs", columns, rows, notes)]
 
@@ -106,13 +104,11 @@ def pareto_front(
     owner = "pareto_front"
     instance(owner, "objective", objective, Objective)
     instance(owner, "space", space, DesignSpace)
-    require_one_of(
-        owner, limited_demand, limitable_demands(space.nominal.system()), "limited_demand"
-    )
+    name, allowed = "limited_demand", limitable_demands(space.nominal.system())
+    require_one_of(owner, limited_demand, allowed, name)
     if limited_demand in objective.limits:
-        raise InvalidInput(
-            owner, "limited_demand", repr(limited_demand), "must not be limited by the objective"
-        )
+        rule = "must not be limited by the objective"
+        raise InvalidInput(owner, name, repr(limited_demand), rule)
     points = count(owner, "points", points)
     if limits is not None:
         limits = np.sort(np.ravel(real(owner, "limits", list(limits))))[::-1].tolist()
@@ -136,10 +132,8 @@ def pareto_front(
         begin_search(points if limits is None else 1 + len(limits))
         free = designer.design(start)
         if limits is None:  # below its demand, the last that is limited, down to its iterates'
-            reached, most = (
-                free.history.limited_demands[..., -1],
-                free.limited_demands[limited_demand],
-            )
+            most = free.limited_demands[limited_demand]
+            reached = free.history.limited_demands[..., -1]
             reached = reached[np.isfinite(reached) & (reached > 0)]
             least = min(reached.min(initial=np.inf), most)
             even = np.linspace(most, least, points)[1:].tolist() if least > 0 else []

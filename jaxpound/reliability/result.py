@@ -142,7 +142,7 @@ class DesignPointResult:
     """Samples around design points; or plain ones of an event that is not rare, without points."""
 
     samples: Samples
-    """None where the event is out of reach."""
+    """There are none where the event is out of reach."""
     design_points: DesignPoints
     thin: float = math.nan
     """Share of the estimate from regions with few samples: failures far from all design points.

@@ -218,7 +218,7 @@ class Case(NamedTuple):
 
     @property
     def gravity(self) -> Any:
-        """G of structures in SI units, m/s²; None of dimensionless ones."""
+        """Gravity of structures in SI units, m/s²; None of dimensionless ones."""
         return gravity_of(self.structures)
 
     def prepared(
@@ -331,9 +331,8 @@ def _implausible_links(links: Sequence[Link], demand: Demand) -> list[str]:
             displacement = sum(abs(w) * demand.masses[mass].peak_x for mass, w in ends)
             if not demand.si:  # those of Buildings were judged as they were made
                 findings += far_apart(f"link {place}: gap", link.gap, displacement, si=False)
-            findings += too_deep(
-                f"link {place}", of_link.peak_penetration, displacement, si=demand.si
-            )
+            deepest = of_link.peak_penetration
+            findings += too_deep(f"link {place}", deepest, displacement, si=demand.si)
     return findings
 
 
