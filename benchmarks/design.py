@@ -15,7 +15,6 @@ from scipy import optimize
 import jaxpound as jp
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.run import Designer
-from jaxpound.design.search import SearchOptions
 from jaxpound.design.space import spread_shares
 
 GRID = jp.TimeGrid.until(20.0, 0.04)
@@ -43,7 +42,7 @@ def problem(space, ensemble, scheme=None):
 
 def designer(problem, **more):
     how = {"iterations": ITERATIONS, "patience": ITERATIONS, "tolerance": 1e-6, "starts": STARTS}
-    return Designer(problem, SearchOptions(**(how | {"progress": False} | more)))
+    return Designer(problem, jp.DesignSearch(**(how | more)), progress=False)
 
 
 def search(one):

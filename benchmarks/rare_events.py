@@ -7,6 +7,7 @@ numbers, whose probabilities are known from independent runs.
 """
 
 import dataclasses
+import functools
 import sys
 import time
 from pathlib import Path
@@ -19,7 +20,6 @@ jax.config.update("jax_enable_x64", True)
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxpound as jp  # noqa: E402
-from jaxpound.reliability.run import event_of  # noqa: E402
 from tests.reliability import case_w  # noqa: E402
 
 TARGET, AT, WITHIN = 1e-7, 0.3075, 0.003
@@ -59,7 +59,8 @@ def repeated(state, repeats):
         one = dataclasses.replace(state, threshold=gap)
         found, seconds = [], []
         for key in range(repeats):
-            event, took = timed(lambda one=one, key=key: event_of(one, key=key, progress=False))
+            search = functools.partial(jp.rare_event, one, key=key, progress=False)
+            event, took = timed(search)
             found.append(event)
             seconds.append(took)
         p = np.array([event.probability for event in found])
@@ -78,7 +79,8 @@ def curve(state):
     runs = gradients = 0
     for gap in np.linspace(0.25, 0.8, 12):
         one = dataclasses.replace(state, threshold=float(gap))
-        event = event_of(one, start=event, progress=False)
+        search = jp.reliability.EventSearch(start=event)
+        event = jp.rare_event(one, search=search, progress=False)
         runs, gradients = runs + event.runs, gradients + event.gradients
     took = time.perf_counter() - start
     print(f"\nA curve of 12 gaps: {runs:,} runs, {gradients:,} gradients, {took:.1f} s")
@@ -90,7 +92,7 @@ def main():
     cost_of_a_gradient(state)
     repeated(state, repeats)
     curve(state)
-    event = event_of(state, cov=0.03, progress=False)
+    event = jp.rare_event(state, cov=0.03, progress=False)
     print(f"\nd ln P/dμ at 0.645: {event.slope('friction')}, reference {case_w.SLOPE} (3 %)")
     found, seconds = timed(
         lambda: jp.reach_probability(

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtri
 
 import jaxpound as jp
-from jaxpound.reliability.subset import simulated
+from jaxpound.reliability.subset import SubsetSearch, simulated
 
 GRID = jp.TimeGrid.until(20.0, 0.04)
 SIZE = 20  # repeats of a study
@@ -59,9 +59,12 @@ def row(name, exact, events, seconds):
 
 
 def study(name, exact, state, studies):
-    simulated(state, n=100, repeats=2, progress=False)  # compiles
+    def search(key, **options):
+        return simulated(state, None, SubsetSearch(**options), key, store=None, progress=False)
+
+    search(0, n=100, repeats=2)  # compiles
     start = time.perf_counter()
-    events = [simulated(state, repeats=SIZE, key=k, progress=False) for k in range(studies)]
+    events = [search(key, repeats=SIZE) for key in range(studies)]
     row(name, exact, events, time.perf_counter() - start)
 
 

@@ -16,6 +16,7 @@ from ._errors import InvalidInput as InvalidInput
 from ._errors import PlausibilityWarning as PlausibilityWarning
 from ._version import __version__ as __version__
 from .buildings import Buildings as Buildings
+from .design import DesignSearch as DesignSearch
 from .design import DesignSpace as DesignSpace
 from .design import Ensemble as Ensemble
 from .design import MeanGap as MeanGap

@@ -163,7 +163,8 @@ def test_rare_events_have_thresholds_in_metres_and_the_same_design_points():
     np.testing.assert_allclose(values * metre, expected_values, rtol=1e-7)
     np.testing.assert_allclose(slopes * metre, expected_slopes, rtol=1e-6, atol=1e-9)
     assert state.time_step == pytest.approx(expected.grid.dt)
-    options = {"method": "design points", "key": 1, "progress": False, "max_runs": 768}
+    search = jp.reliability.EventSearch("design points", max_runs=768)
+    options = {"search": search, "key": 1, "progress": False}
     touching = jp.LimitState(jp.Scenarios(linked(contact=LAW), noise), grids[0], threshold=0.11)
     np.testing.assert_allclose(touching.values(z), state.values(z), rtol=1e-9)  # it is left out
     event, expected = (jp.rare_event(*case, **options) for case in cases)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+import jaxpound as jp
 from benchmarks.verification.case import Case, Number
-from jaxpound.reliability.run import event_of
 from tests.reliability import case_w
 
 
@@ -16,7 +16,7 @@ def case(gaps: Sequence[float] = tuple(case_w.REFERENCE)) -> Case:
     numbers = []
     for gap in gaps:
         known, cov = case_w.REFERENCE[gap]
-        event = event_of(case_w.state(gap), key=1, progress=False)
+        event = jp.rare_event(case_w.state(gap), key=1, progress=False)
         within = 3 * known * float(np.hypot(event.cov, cov))
         name = f"P(required gap > {gap:g}), {event.runs:,} runs, {event.gradients:,} gradients"
         numbers.append(Number(name, float(event.probability), known, within))

@@ -91,10 +91,11 @@ class SearchTable(Section):
     batch: Annotated[int, Count] | None = None
     seed: Annotated[int, Seed] = 0
 
-    def options(self) -> dict[str, Any]:
-        """Options of ``design_damper``; an omitted one has its default."""
+    def model(self) -> jp.DesignSearch:
+        """The search; an omitted option has its default."""
         options = self.stated() | {"key": self.seed}
-        return {x: options[x] for x in options if x not in ("earthquakes", "fresh", "seed")}
+        names = {"starts", "iterations", "batch", "key"} & options.keys()
+        return jp.DesignSearch(**{name: options[name] for name in names})
 
 
 Chosen = Annotated[VariableBounds, says('{low = ..., high = ..., scale = "linear" or "log"}')]
@@ -121,11 +122,11 @@ def run(args: argparse.Namespace) -> None:
     with kept_search(args, "save", "search.npz", *inputs):
         design = jp.design_damper(
             *(task.space, *shaken, task.objective),
+            search=config.search.model(),
             fresh=config.search.fresh or None,
             save=args.save,
-            strict=args.strict,
             progress=sys.stderr.isatty(),
-            **config.search.options(),
+            strict=args.strict,
         )
         recorded = {name: design.compare(single) for name, single in task.recorded.items()}
         answer = answer_of(design, Parameters(config.layout))

@@ -23,7 +23,7 @@ from jaxpound.cli.tables import Gap, require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.parameters import get
 from jaxpound.reliability.result import DesignPointResult
-from jaxpound.reliability.run import choice, event_of, require_smooth
+from jaxpound.reliability.run import choice, require_smooth
 from jaxpound.reliability.target import WITHOUT_JUMPS
 from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, unit_of
 from jaxpound.scenarios.scenarios import grounds_at
@@ -156,8 +156,8 @@ def searched(
     file: File, config: RareConfig, state: jp.LimitState, store: Path | None = None
 ) -> RareResult:
     """The event, and events at the stated thresholds, each started from the one before."""
-    options, curve_at = config.search.stated(), sorted(config.limit.thresholds or ())
-    options |= {"key": options.pop("seed"), "progress": sys.stderr.isatty()}
+    options, curve_at = config.search, sorted(config.limit.thresholds or ())
+    more: Any = {"cov": options.cov, "key": options.seed, "progress": sys.stderr.isatty()}
     event_at, gaps = config.limit.lowest_threshold, {*config.layout.gaps}
     if event_at is None and len(gaps) == 1 and not any("gap" in x for x in config.uncertain):
         (gap,) = gaps  # of all links: a closing by it is pounding
@@ -171,7 +171,8 @@ def searched(
             print(f"jaxpound: {name.replace('-', ' ')} ...", file=sys.stderr)
         at = dataclasses.replace(state, threshold=threshold)
         with named(f"{file.name}: [search]"):
-            event = event_of(at, start=start, store=store and store / name, **options)
+            search = jp.reliability.EventSearch(options.method, start, options.max_runs)
+            event = jp.rare_event(at, search=search, store=store and store / name, **more)
         events[threshold] = event
         # Without design points, where the event is common, the next search starts anew.
         start = event if len(event.design_points) else None
@@ -192,11 +193,7 @@ def reached(
         reach = jp.reach_probability(
             path,
             target.probability,
-            state.scenarios,
-            state.grid,
-            demand=state.demand,
-            threshold=state.threshold,
-            scheme=state.scheme,
+            state,
             tolerance=target.tolerance,
             key=config.search.seed,
             start=result.event,

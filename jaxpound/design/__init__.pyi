@@ -19,5 +19,6 @@ from .objective import Penalty as Penalty
 from .pareto import ParetoFront as ParetoFront
 from .pareto import pareto_front as pareto_front
 from .run import design_damper as design_damper
+from .search import DesignSearch as DesignSearch
 from .space import Bounds as Bounds
 from .space import DesignSpace as DesignSpace

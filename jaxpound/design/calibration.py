@@ -98,7 +98,6 @@ def calibrate(
     noise: Mapping[str, float] | None = None,
     start: Structures | Mapping[str, float] | None = None,
     starts: int = 4,
-    key: int = 0,
     confidence: float = 0.95,
     strict: bool = False,
 ) -> Calibration:
@@ -126,8 +125,10 @@ def calibrate(
     noise
         Standard deviation > 0 of the errors of each series, which weights it; by default that of
         the residuals of a first fit with equal weights.
-    start, starts, key
-        See ``design_damper``; the fit with the smallest sum of squares is returned.
+    start, starts
+        The structures of the first start, by default the space's nominal ones, and the number of
+        starts: the others are spread over the space (scrambled Sobol points, of which more begin
+        with the same). The fit with the smallest sum of squares is returned.
     confidence
         Confidence level of the intervals.
     """
@@ -145,7 +146,7 @@ def calibrate(
     def run(structures: Any, last: bool = False) -> Response:
         return simulate(structures, shaking, grid, scheme, strict=strict and last)
 
-    options = data, noise, start, starts, key, confidence
+    options = data, noise, start, starts, confidence
     return _calibrated(owner, space, run, partial(_series, data=data), *options)
 
 
@@ -155,16 +156,20 @@ def calibrate_cyclic(
     forces: Any,
     rod: int = 0,
     steps: int = 8,
-    **options: Any,
+    *,
+    noise: Mapping[str, float] | None = None,
+    start: Structures | Mapping[str, float] | None = None,
+    starts: int = 4,
+    confidence: float = 0.95,
 ) -> Calibration:
     """The parameters of a rod that yields that fit a measured cyclic test best.
 
     ``displacements`` and ``forces`` were measured, shape (n,) each; forces are NaN where nothing
     was. Between two displacements the law takes ``steps`` steps, as in ``cyclic_test``. ``space``
     has parameters of one rod of its structures, by number from 0: its stiffness, and its law, which
-    alone is tested of a ``YieldingZener``. ``options`` are ``noise``, by the name "force",
-    ``start``, ``starts``, ``key`` and ``confidence`` of ``calibrate``. Raises ``ValueError`` as
-    ``calibrate`` does, or if the rod has no law of hysteresis.
+    alone is tested of a ``YieldingZener``. See ``calibrate`` for ``noise``, which is by the name
+    "force", ``start``, ``starts`` and ``confidence``. Raises ``ValueError`` as ``calibrate`` does,
+    or if the rod has no law of hysteresis.
 
     Examples
     --------
@@ -190,7 +195,8 @@ def calibrate_cyclic(
         return jax.tree.map(lambda series: series[::steps], test)
 
     run(space.nominal)  # refuses what is wrong
-    return _calibrated(owner, space, run, lambda x: {"force": x.force}, {"force": force}, **options)
+    options = {"force": force}, noise, start, starts, confidence
+    return _calibrated(owner, space, run, lambda x: {"force": x.force}, *options)
 
 
 def _calibrated(
@@ -199,11 +205,10 @@ def _calibrated(
     run: Callable[..., Any],
     series: Callable[[Any], dict[str, jax.Array]],
     data: Mapping[str, np.ndarray],
-    noise: Mapping[str, float] | None = None,
-    start: Any = None,
-    starts: int = 4,
-    key: int = 0,
-    confidence: float = 0.95,
+    noise: Mapping[str, float] | None,
+    start: Any,
+    starts: int,
+    confidence: float,
 ) -> Calibration:
     """The parameters of a space by whose runs the series fit the data best."""
     _checks.require_share(owner, "confidence", confidence)
@@ -212,8 +217,7 @@ def _calibrated(
     enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
     residual, fit = _least_squares(lambda shares: series(run(space.structures(shares))), data)
     first = start_shares(owner, space, start)
-    starts, key = _checks.count(owner, "starts", starts), _checks.seed(owner, "key", key)
-    spread = spread_shares(first, starts, key)
+    spread = spread_shares(first, _checks.count(owner, "starts", starts), key=0)
     fits = [fit(x, weights) for x in spread if np.isfinite(residual(x, weights)).all()]
     if not fits:
         raise InvalidInput(owner, "", "", f"no start of {starts} gives a finite response")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from tqdm.auto import tqdm
@@ -17,16 +17,12 @@ from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.objective import Limit, Objective
 from jaxpound.design.problem import DesignProblem
 from jaxpound.design.run import NO_LIMIT, Designer, InfeasibleError
-from jaxpound.design.search import Progress, SearchOptions
+from jaxpound.design.search import DesignSearch, Progress
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
-from jaxpound.model.system import Structures
 from jaxpound.quantities import unit
 from jaxpound.results.named import in_words, limitable_demands, unit_of
 from jaxpound.simulation.scheme import Scheme
-
-if TYPE_CHECKING:
-    from optax import GradientTransformation
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -71,13 +67,8 @@ def pareto_front(
     *,
     limited_demand: str,
     over: str | float = "mean",
-    points: int = 8,
-    limits: Sequence[float] | None = None,
-    start: Structures | Mapping[str, float] | None = None,
-    starts: int = 3,
-    key: int = 0,
-    iterations: int = 100,
-    optimiser: GradientTransformation | None = None,
+    limits: int | Sequence[float] = 8,
+    search: DesignSearch = DesignSearch(starts=3, iterations=100),
     progress: bool = True,
 ) -> ParetoFront:
     """The best objective for every limit on a demand, from loose to tight.
@@ -88,16 +79,16 @@ def pareto_front(
 
     Parameters
     ----------
-    space, ensemble, grid, scheme, objective, start, starts, key, iterations, optimiser
+    space, ensemble, grid, scheme, objective
         See ``design_damper``.
     limited_demand, over
         Name of the demand to be limited, and its statistic (see ``Limit``); the objective must not
         limit it.
-    points
-        Number of limits, evenly spaced from the demand of the best design without this limit to the
-        smallest among the iterates of that first search.
     limits
-        The limits, instead of ``points``.
+        The limits; or their number: they are evenly spaced from the demand of the best design
+        without this limit to the smallest among the iterates of that first search.
+    search
+        How each limit's design is searched for. The first search begins at its start.
     progress
         Whether to show a progress bar, of the iterations of all searches.
     """
@@ -109,38 +100,42 @@ def pareto_front(
     if limited_demand in objective.limits:
         rule = "must not be limited by the objective"
         raise InvalidInput(owner, name, repr(limited_demand), rule)
-    points = count(owner, "points", points)
-    if limits is not None:
-        limits = np.sort(np.ravel(real(owner, "limits", list(limits))))[::-1].tolist()
-        positive(owner, limits=np.asarray(limits))
+    instance(owner, "search", search, DesignSearch)
+    number, bounds = 0, []
+    if np.ndim(limits):
+        bounds = np.sort(np.ravel(real(owner, "limits", limits)))[::-1].tolist()
+        positive(owner, limits=np.asarray(bounds))
+    else:
+        number = count(owner, "limits", limits)
     all_limits = {**objective.limits, limited_demand: Limit(NO_LIMIT, over)}
     limited = dataclasses.replace(objective, limits=all_limits)
 
-    def report(where: Progress) -> None:
+    def report(where: Progress) -> Any:
         bar.update()
         best = f"{where.best:.5g}" if np.isfinite(where.best) else "none yet"
         bar.set_postfix({"objective": best}, refresh=False)
+        return None if search.callback is None else search.callback(where)
 
-    options = SearchOptions(starts, key, iterations, optimiser, callback=report, progress=False)
-    designer = Designer(DesignProblem(space, ensemble, grid, scheme, limited), options)
+    problem = DesignProblem(space, ensemble, grid, scheme, limited)
+    designer = Designer(problem, dataclasses.replace(search, callback=report), progress=False)
     # Shown with the first iterations, so that an error message has no bar beside it.
     with tqdm(unit=" iterations", disable=not progress, delay=0.1) as bar:
 
         def begin_search(to_come: int) -> None:
-            bar.total = bar.n + iterations * to_come  # those before may have ended early
+            bar.total = bar.n + search.iterations * to_come  # those before may have ended early
 
-        begin_search(points if limits is None else 1 + len(limits))
-        free = designer.design(start)
-        if limits is None:  # below its demand, the last that is limited, down to its iterates'
+        begin_search(number or 1 + len(bounds))
+        free = designer.design(search.start)
+        if number:  # below its demand, the last that is limited, down to its iterates'
             most = free.limited_demands[limited_demand]
             reached = free.history.limited_demands[..., -1]
             reached = reached[np.isfinite(reached) & (reached > 0)]
             least = min(reached.min(initial=np.inf), most)
-            even = np.linspace(most, least, points)[1:].tolist() if least > 0 else []
-            limits = [x for x in even if x < most]
+            even = np.linspace(most, least, number)[1:].tolist() if least > 0 else []
+            bounds = [x for x in even if x < most]
         designs, infeasible = [free], []
-        for i, limit in enumerate(limits):
-            begin_search(len(limits) - i)
+        for i, limit in enumerate(bounds):
+            begin_search(len(bounds) - i)
             try:
                 designs.append(designer.design(designs[-1].values, limits={limited_demand: limit}))
             except InfeasibleError:

@@ -13,7 +13,6 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -23,12 +22,12 @@ import numpy as np
 from jaxpound._errors import InvalidInput
 from jaxpound.design.lagrangian import FirstOrderConditions
 from jaxpound.design.problem import OWNER, DesignProblem, LogRatios, RareEstimates
-from jaxpound.design.search import STOPPED_BY_CALLBACK, Descent, SearchOptions, SearchResult
+from jaxpound.design.search import STOPPED_BY_CALLBACK, Descent, SearchResult
 from jaxpound.model.parameters import get, put
 from jaxpound.model.system import Structures
 from jaxpound.reliability.limit_state import LimitState
 from jaxpound.reliability.result import RAREST, RareEvent
-from jaxpound.reliability.run import event_of
+from jaxpound.reliability.run import EventSearch, event_of
 from jaxpound.scenarios.scenarios import ScenarioSet, discrete_coordinates, parameter_names
 
 TOLERANCE = 0.1  # relative excess over a limit on a probability that is tolerated
@@ -94,11 +93,15 @@ def limit_states(problem: DesignProblem) -> dict[str, LimitState]:
 class RareLimits:
     """Estimates of limited probabilities, at one design after another; kept beside ``save``."""
 
-    problem: DesignProblem
+    descent: Descent
     states: Mapping[str, LimitState]
-    options: SearchOptions
     made: int = 0
     last: dict[str, RareEvent] = dataclasses.field(default_factory=dict)
+
+    @property
+    def problem(self) -> DesignProblem:
+        """The design problem."""
+        return self.descent.lagrangian.problem
 
     def at(self, scaled: np.ndarray) -> RareEstimates:
         """Events at a design, with the slopes of their logarithms; an error if one is certain."""
@@ -117,12 +120,12 @@ class RareLimits:
 
     def _event(self, name: str, scaled: np.ndarray) -> RareEvent:
         changes = {path: float(x) for path, x in self.problem.space.numbers(scaled).items()}
-        save, options = self.options.save, self.options
-        store = None if save is None else Path(save).with_suffix(".events") / f"{self.made}-{name}"
+        descent, save = self.descent, self.descent.save
+        store = None if save is None else save.with_suffix(".events") / f"{self.made}-{name}"
         self.made += 1
-        state, start = dataclasses.replace(self.states[name], changes=changes), self.last.get(name)
-        settings: Any = {"key": options.key, "store": store, "progress": options.progress}
-        event = event_of(state, _COV, start=start, **settings)
+        state = dataclasses.replace(self.states[name], changes=changes)
+        search = EventSearch(start=self.last.get(name))
+        event = event_of(state, _COV, search, descent.search.key, store, descent.progress)
         if event.probability == 1:
             listed = ", ".join(f"{path} = {x:.6g}" for path, x in changes.items())
             rule = f"must be rare enough to be estimated at {listed}: {'; '.join(event.warnings)}"
@@ -136,17 +139,16 @@ def search_in_rounds(
     states: Mapping[str, LimitState], descent: Descent, first: np.ndarray
 ) -> SearchResult:
     """The best design within limits on probabilities too; ``states`` are ``limit_states``."""
-    options, data = descent.options, descent.data
-    rare = RareLimits(descent.lagrangian.problem, states, options)
+    data, save = descent.data, descent.save
+    rare = RareLimits(descent, states)
     region = TrustRegion(rare.at(first))
     history: list[Any] = []
-    polishing, best, current = 0, None, options
+    polishing, best, file = 0, None, save
     for number in range(_MOST_ROUNDS):
-        if number and options.save is not None:  # a file for each round
-            path = Path(options.save)
-            current = dataclasses.replace(options, save=path.with_stem(f"{path.stem}.{number + 1}"))
+        if number and save is not None:  # a file for each round
+            file = save.with_stem(f"{save.stem}.{number + 1}")
         approximate = data._replace(rare=region.model, box=jnp.asarray(region.box, data.box.dtype))
-        round_of = dataclasses.replace(descent, options=current, data=approximate)
+        round_of = dataclasses.replace(descent, data=approximate, save=file)
         result = round_of.best(region.centre)
         history, polishing = history + result.history, polishing + result.polishing
         trial = rare.at(result.point.scaled)

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Rule, count, enforce, require_memory
-from jaxpound._errors import resumable, warn
+from jaxpound._checks import Rule, count, enforce, instance, require_memory
+from jaxpound._errors import InvalidInput, resumable, warn
 from jaxpound.design.design import Comparison, Design, SearchHistory
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.objective import Objective
 from jaxpound.design.problem import OWNER, DesignProblem
 from jaxpound.design.rare_limits import limit_states, search_in_rounds
-from jaxpound.design.search import Descent, Progress, SearchOptions
+from jaxpound.design.search import Descent, DesignSearch
 from jaxpound.design.space import DesignSpace, start_shares
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.system import Structures
 from jaxpound.simulation.scheme import Scheme, imprecise
 from jaxpound.study.demands import unreached
-
-if TYPE_CHECKING:
-    from optax import GradientTransformation
 
 NO_LIMIT = 1e30  # a bound that stands for no limit
 
@@ -44,20 +41,10 @@ def design_damper(
     scheme: Scheme = Scheme(),
     objective: Objective = Objective(),
     *,
-    start: Structures | Mapping[str, float] | None = None,
-    starts: int = 4,
-    key: int = 0,
-    iterations: int = 150,
-    optimiser: GradientTransformation | None = None,
-    batch: int | None = None,
-    patience: int = 40,
-    tolerance: float = 1e-4,
-    limit_tolerance: float = 1e-3,
+    search: DesignSearch = DesignSearch(),
     fresh: int | Ensemble | None = 1000,
     save: str | PathLike[str] | None = None,
-    callback: Callable[[Progress], Any] | None = None,
     progress: bool = True,
-    polish: bool = True,
     strict: bool = False,
 ) -> Design:
     """The best structures within bounds and limits, over an ensemble of earthquakes.
@@ -84,35 +71,16 @@ def design_damper(
     objective
         The goal, with penalties and limits. Where no gap at rest is finite (braces alone, say) the
         goal must be ``LeastDemand``.
-    start
-        The design of the first start; by default the space's nominal structures.
-    starts
-        Number of starts: the others are spread over the space (scrambled Sobol points).
-    key, iterations
-        Seed of the starts and of the minibatches, and largest number of iterations.
-    optimiser
-        An optimiser of optax, for the variables scaled to 0 to 1 between their bounds; by default
-        Adam with steps that fall from 0.2 to 0 (cosine). ``optax.lbfgs()`` works too.
-    batch
-        Earthquakes of an iteration; by default all. With minibatches, the best design is evaluated
-        on the whole ensemble once per epoch and at the end, and there is no polishing; gradient and
-        multipliers of the result are means over an epoch.
-    patience, tolerance
-        The search ends when in ``patience`` iterations (with minibatches: epochs) no start has
-        improved by ``tolerance`` times the mean required gap, or the minimised demand.
-    limit_tolerance
-        Relative excess over a limit that is tolerated.
+    search
+        Where the search starts, how long it lasts, and its optimiser.
     fresh
         Earthquakes that were not used in the search, on which the design is evaluated: their number
         (if the ensemble is drawn), an ensemble, or None.
     save
         A file that keeps the state every 20 iterations: the same call continues from it, with the
         result of an uninterrupted search.
-    callback
-        Called with a ``Progress`` after every iteration; if it returns True, the search ends.
-    progress, polish
-        Whether to show a progress bar, and to refine the best design by at most 30 steps of SciPy's
-        sequential quadratic programming, with the same gradients.
+    progress
+        Whether to show a progress bar.
 
     Examples
     --------
@@ -120,40 +88,48 @@ def design_damper(
     >>> space = jp.DesignSpace(jp.paper.structures(), {"friction": (0.0, 1.0)})
     >>> earthquakes = jp.Ensemble.of([jp.paper.ground()], grid)
     >>> limited = jp.Objective(limits={"damper_force": 0.3})
-    >>> short = {"starts": 1, "iterations": 5, "progress": False}
+    >>> short = {"search": jp.DesignSearch(starts=1, iterations=5), "progress": False}
     >>> design = jp.design_damper(space, earthquakes, grid, objective=limited, **short)
     >>> round(design.values["friction"], 2)  # all that the limit allows
     0.3
     """
     problem = DesignProblem(space, ensemble, grid, scheme, objective)
-    search = (starts, key, iterations, optimiser, batch, patience, tolerance, limit_tolerance)
-    options = SearchOptions(*search, save, callback, progress, polish)
-    return Designer(problem, options, strict).design(start, fresh=fresh)
+    designer = Designer(problem, search, save, progress, strict)
+    return designer.design(search.start, fresh=fresh)
 
 
 class Designer:
     """A problem and its solver; programs are compiled once, for any starts and limits."""
 
     def __init__(
-        self, problem: DesignProblem, options: SearchOptions, strict: bool = False
+        self,
+        problem: DesignProblem,
+        search: DesignSearch,
+        save: str | PathLike[str] | None = None,
+        progress: bool = True,
+        strict: bool = False,
     ) -> None:
         import optax  # takes as long as all other imports
 
-        self.problem, self.options, self.strict = problem, options, strict
+        instance(OWNER, "search", search, DesignSearch)
+        if save is not None and not Path(save).absolute().parent.is_dir():
+            raise InvalidInput(OWNER, "save", str(save), "must be in a folder that exists")
+        self.problem, self.search, self.strict = problem, search, strict
+        self.save, self.progress = None if save is None else Path(save), progress
         n = len(problem.ensemble)
-        batch = n if options.batch is None else options.batch
+        batch = n if search.batch is None else search.batch
         enforce(OWNER, [Rule("batch", batch, batch <= n, f"at most the ensemble's {n}")])
         # At least the variables of every start, and the demands of its earthquakes, run at once.
         each = problem.space.dimension + batch * len(problem.limitable)
-        size = options.starts * each * jnp.zeros(()).dtype.itemsize
-        require_memory(OWNER, "starts", options.starts, size)
+        size = search.starts * each * jnp.zeros(()).dtype.itemsize
+        require_memory(OWNER, "starts", search.starts, size)
         self.states = limit_states(problem)
         grounds = problem.first_grounds(first_of(n, problem.grid))
         unresolved = of_many(grounds, problem.grid, in_g=problem.si)
         findings = imprecise(problem.space.nominal.system(), problem.grid, grounds)
         warn(OWNER, findings + unresolved, strict)
-        steps = optax.cosine_decay_schedule(0.2, options.iterations)
-        optimiser = options.optimiser or optax.adam(steps, b1=0.8, b2=0.9)
+        steps = optax.cosine_decay_schedule(0.2, search.iterations)
+        optimiser = search.optimiser or optax.adam(steps, b1=0.8, b2=0.9)
         optimiser = optax.with_extra_args_support(optimiser)
         self.lagrangian = AugmentedLagrangian(problem, optimiser, batch)
 
@@ -165,7 +141,7 @@ class Designer:
         limits: Mapping[str, float] | None = None,
     ) -> Design:
         """See ``design_damper``; ``limits`` replace bounds of the objective's limits."""
-        problem, options = self.problem, self.options
+        problem, search = self.problem, self.search
         first = start_shares(OWNER, problem.space, start)
         if isinstance(fresh, Ensemble):
             problem.space.require_certain(OWNER, fresh.uncertain)
@@ -175,8 +151,8 @@ class Designer:
         topology = problem.space.nominal.system().topology
         extremes = {name: (float(x.min()), float(x.max())) for name, x in before.items()}
         warn(OWNER, unreached(topology, extremes, si=problem.si), self.strict)
-        data = problem.data(before, options.limit_tolerance, options.key, limits)
-        descent = Descent(self.lagrangian, options, data)
+        data = problem.data(before, search.limit_tolerance, search.key, limits)
+        descent = Descent(self.lagrangian, search, data, self.save, self.progress)
         states = self.states
         result = search_in_rounds(states, descent, first) if states else descent.best(first)
         best, limits_of, iterations = result.point, problem.objective.limits, len(result.history)
@@ -209,8 +185,8 @@ class Designer:
             active_bounds={names[i]: ends[i] for i in np.flatnonzero(at_bound)},
             gradient=dict(zip(names, (-size * gradient).tolist(), strict=True)),
             multipliers=dict(zip(limits_of, (size * multipliers).tolist(), strict=True)),
-            limit_tolerance=options.limit_tolerance,
-            simulations=(iterations * options.starts + result.polishing) * self.lagrangian.batch,
+            limit_tolerance=search.limit_tolerance,
+            simulations=(iterations * search.starts + result.polishing) * self.lagrangian.batch,
             trained=Comparison(before, after, function, problem.si, topology),
             fresh=None,
             shares=best.scaled,

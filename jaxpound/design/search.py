@@ -1,4 +1,4 @@
-"""The loop of a design search: iterations until there is no more progress, kept in a file."""
+"""A search for a design: its options, and iterations until there is no more progress."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import contextlib
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,6 +20,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound.design.lagrangian import AugmentedLagrangian, FirstOrderConditions, SearchState
 from jaxpound.design.problem import OWNER, Point, ProblemData, RareEstimates, best_start, better
 from jaxpound.design.space import spread_shares
+from jaxpound.model.system import Structures
 from jaxpound.store.archive import DamagedError, digest, opened, sweep_parts, write_archive
 from jaxpound.store.store import describe
 
@@ -51,36 +51,68 @@ class Progress(NamedTuple):
     """Best objective within the limits so far; −∞ while there is none."""
 
 
-@dataclasses.dataclass(frozen=True)
-class SearchOptions:
-    """How a design is searched for; ``design_damper`` says what each option is."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class DesignSearch:
+    """The way in which ``design_damper`` and ``pareto_front`` search: by gradients, from starts.
 
+    Parameters
+    ----------
+    start
+        The design of the first start; by default the space's nominal structures.
+    starts
+        Number of starts: the others are spread over the space (scrambled Sobol points).
+    iterations
+        Largest number of iterations.
+    key
+        Seed of the starts, of minibatches and of the samples of rare events.
+    optimiser
+        An optimiser of optax, for the variables scaled to 0 to 1 between their bounds; by default
+        Adam with steps that fall from 0.2 to 0 (cosine). ``optax.lbfgs()`` works too.
+    batch
+        Earthquakes of an iteration; by default all. With minibatches, the best design is evaluated
+        on the whole ensemble once per epoch and at the end, and there is no polishing; gradient and
+        multipliers of the result are means over an epoch.
+    patience, tolerance
+        The search ends when in ``patience`` iterations (with minibatches: epochs) no start has
+        improved by ``tolerance`` times the mean required gap, or the minimised demand.
+    limit_tolerance
+        Relative excess over a limit that is tolerated.
+    polish
+        Whether to refine the best design by at most 30 steps of SciPy's sequential quadratic
+        programming, with the same gradients.
+    callback
+        Called with a ``Progress`` after every iteration; if it returns True, the search ends.
+
+    Examples
+    --------
+    >>> jp.DesignSearch({"friction": 0.1}, starts=2, iterations=50).patience
+    40
+    """
+
+    start: Structures | Mapping[str, float] | None = None
     starts: int = 4
-    key: int = 0
     iterations: int = 150
+    key: int = 0
     optimiser: GradientTransformation | None = None
     batch: int | None = None
     patience: int = 40
     tolerance: float = 1e-4
     limit_tolerance: float = 1e-3
-    save: str | PathLike[str] | None = None
-    callback: Callable[[Progress], Any] | None = None
-    progress: bool = True
     polish: bool = True
+    callback: Callable[[Progress], Any] | None = None
 
     def __post_init__(self) -> None:
-        import optax  # takes as long as all other imports
-
+        owner = "DesignSearch"
         for name in ("starts", "iterations", "patience"):
-            count(OWNER, name, getattr(self, name))
+            count(owner, name, getattr(self, name))
         if self.batch is not None:
-            count(OWNER, "batch", self.batch)
-        positive_number(OWNER, tolerance=self.tolerance, limit_tolerance=self.limit_tolerance)
-        seed(OWNER, "key", self.key)
+            count(owner, "batch", self.batch)
+        positive_number(owner, tolerance=self.tolerance, limit_tolerance=self.limit_tolerance)
+        seed(owner, "key", self.key)
         if self.optimiser is not None:
-            instance(OWNER, "optimiser", self.optimiser, optax.GradientTransformation)
-        if self.save is not None and not Path(self.save).absolute().parent.is_dir():
-            raise InvalidInput(OWNER, "save", str(self.save), "must be in a folder that exists")
+            import optax  # only here: it takes as long to import as all else
+
+            instance(owner, "optimiser", self.optimiser, optax.GradientTransformation)
 
 
 class Iterate(NamedTuple):
@@ -108,19 +140,21 @@ class Descent:
     """The iterations of all starts, until there is no more progress."""
 
     lagrangian: AugmentedLagrangian
-    options: SearchOptions
+    search: DesignSearch
     data: ProblemData
+    save: Path | None
+    progress: bool
 
     def best(self, first: np.ndarray) -> SearchResult:
         """The best design, from a design and others spread over the box."""
         low, high = np.asarray(self.data.box)
-        starts = spread_shares(first, self.options.starts, self.options.key)
+        starts = spread_shares(first, self.search.starts, self.search.key)
         starts[1:] = low + (high - low) * starts[1:]
         designs, history, stopped = self.run(starts)
         winner = best_start(designs, history[-1].alive)
         best = jax.tree.map(lambda x: x[winner], designs)
         conditions, runs = self.conditions(self.data), 0
-        polishes = self.options.polish and self.lagrangian.per_epoch == 1
+        polishes = self.search.polish and self.lagrangian.per_epoch == 1
         if polishes and stopped != STOPPED_BY_CALLBACK:
             best, runs = conditions.polished(best)
         unlimited = RareEstimates({}, self.data.rare)
@@ -128,19 +162,19 @@ class Descent:
 
     def conditions(self, data: ProblemData) -> FirstOrderConditions:
         """Those of first order, by the program that this search has compiled."""
-        return FirstOrderConditions(self.lagrangian, data, self.options.starts)
+        return FirstOrderConditions(self.lagrangian, data, self.search.starts)
 
     def run(self, scaled: np.ndarray) -> tuple[Point, list[Iterate], str]:
         """From starts, shape (s, d): the best of each, all iterates, and why the search ended."""
-        problem, options = self.lagrangian.problem, self.options
+        problem = self.lagrangian.problem
         whole = self.lagrangian.per_epoch == 1
         state, saved = self.lagrangian.begin(scaled), None
         history: list[Iterate] = []
-        if options.save is not None:
-            saved = SavedSearch(Path(options.save), self._identity(state))
+        if self.save is not None:
+            saved = SavedSearch(self.save, self._identity(state))
             state, history = saved.read(state)
         best = history[-1].best if history else no_design(state)
-        n, hidden = options.iterations, not options.progress
+        n, hidden = self.search.iterations, not self.progress
         written = time.monotonic()
         with tqdm(total=n, initial=len(history), unit=" iterations", disable=hidden) as bar:
             while not (reason := self._end(history)):
@@ -173,25 +207,25 @@ class Descent:
         bar.update()
         if np.isfinite(reported):  # else no design is within the limits yet
             bar.set_postfix({"objective": f"{reported:.5g}"}, refresh=False)
-        if self.options.callback is None:
+        if self.search.callback is None:
             return False
         values = self.lagrangian.problem.space.numbers(point.scaled)
         progress = Progress(len(history), point.objective, point.violation, values, reported)
-        stop = self.options.callback(progress)
+        stop = self.search.callback(progress)
         return isinstance(stop, bool | np.bool_) and bool(stop)
 
     def _end(self, history: Sequence[Iterate]) -> str:
         """The reason to end, or an empty string."""
-        patience = self.options.patience * self.lagrangian.per_epoch
-        if len(history) >= self.options.iterations:
-            return f"{self.options.iterations} iterations"
+        patience = self.search.patience * self.lagrangian.per_epoch
+        if len(history) >= self.search.iterations:
+            return f"{self.search.iterations} iterations"
         if len(history) <= patience:
             return ""
         (_, earlier, _), (_, latest, finite) = history[-1 - patience], history[-1]
         entered = earlier.infeasible & ~latest.infeasible
         gained = earlier.merit[finite] - latest.merit[finite]
         within = ~latest.infeasible[finite]
-        if within.any() and not entered[finite].any() and (gained < self.options.tolerance).all():
+        if within.any() and not entered[finite].any() and (gained < self.search.tolerance).all():
             return f"no progress in {patience} iterations"
         return ""
 

@@ -329,16 +329,16 @@ def of_study(
 
 def of_event(rate: float, event: RareEvent, intensity: Any) -> SamplesRate:
     """Of a rare event whose scenarios draw the intensity by the hazard."""
-    scenarios, values = event.limit_state.scenarios, {}
+    scenarios, samples, values = event.limit_state.scenarios, event.result.samples, {}
     names = parameter_names(scenarios) if intensity is None or isinstance(intensity, str) else ()
     if intensity is None:
         options = f"a parameter, {', '.join(names[-6:])}, or a number for each sample"
         raise InvalidInput(_OWNER, "intensity", "None", f"must be {options}, of a rare event")
     if names:
-        values = jax.jit(jax.vmap(lambda z: parameters(scenarios, z)))(event.points)
-    measure, x = _named(intensity, values, names, len(event.values))
-    repeats = event.repeats if event.repeats.size else None
-    return SamplesRate(measure, rate, x, event.values >= 0, event.weights, False, repeats)
+        values = jax.jit(jax.vmap(lambda z: parameters(scenarios, z)))(samples.points)
+    measure, x = _named(intensity, values, names, len(samples))
+    repeats = samples.repeats if samples.repeats.size else None
+    return SamplesRate(measure, rate, x, samples.values >= 0, samples.weights, False, repeats)
 
 
 def _named(intensity: Any, values: Any, names: Sequence[str], n: int) -> tuple[str, np.ndarray]:

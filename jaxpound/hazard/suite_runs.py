@@ -123,6 +123,8 @@ class Analysis:
         name, threshold = self.demand, self.threshold
         if not isinstance(name, str):
             name = getattr(name, "__name__", "demand").replace("<lambda>", "demand")
+            # It may be called as a demand of this package that it is not.
+            name = "demand" if named.quantity_named(name) else name
         if threshold is None:
             if name != REQUIRED_GAP:
                 named.require_threshold(self.owner, self.demand)

@@ -3,7 +3,9 @@ from .result import DesignEarthquake as DesignEarthquake
 from .result import DesignPointResult as DesignPointResult
 from .result import RareEvent as RareEvent
 from .result import SubsetResult as SubsetResult
+from .run import EventSearch as EventSearch
 from .run import rare_event as rare_event
+from .subset import SubsetSearch as SubsetSearch
 from .subset import subset_simulation as subset_simulation
 from .target import TargetResult as TargetResult
 from .target import reach_probability as reach_probability

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import reprlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, cached_property
 from os import PathLike
@@ -221,21 +222,30 @@ class LimitState:
 
 def state_of(
     owner: str,
-    scenarios: ScenarioSet,
-    grid: TimeGrid,
+    scenarios: ScenarioSet | LimitState,
+    grid: Any,
     gap: Any,
-    scheme: Scheme,
-    demand: Any,
-    threshold: Any,
+    demand: DemandSpec = REQUIRED_GAP,
+    threshold: float | None = None,
 ) -> LimitState:
     """The limit state of a search; a gap stands for its threshold."""
-    if gap is not None and (demand != REQUIRED_GAP or threshold is not None):
-        raise InvalidInput(owner, "gap", repr(gap), "must be None where another demand is given")
-    if gap is not None:
-        (threshold,) = not_negative(owner, gap=number(owner, "gap", gap))
-    findings = doubts(owner, scenarios, grid)
-    state = LimitState(scenarios, grid, scheme, demand, threshold)
-    if demand != REQUIRED_GAP:  # whose runs leave laws of contact out
+    if isinstance(scenarios, LimitState):
+        others = {"grid": grid, "gap": gap, "threshold": threshold}
+        others |= {"demand": demand} if demand != REQUIRED_GAP else {}
+        for name, value in others.items():
+            if value is not None:
+                rule = "must be left out beside a LimitState, which has its own"
+                raise InvalidInput(owner, name, reprlib.repr(value), rule)
+        state, findings = scenarios, doubts(owner, scenarios.scenarios, scenarios.grid)
+    else:
+        if gap is not None and (demand != REQUIRED_GAP or threshold is not None):
+            rule = "must be None where another demand is given"
+            raise InvalidInput(owner, "gap", repr(gap), rule)
+        if gap is not None:
+            (threshold,) = not_negative(owner, gap=number(owner, "gap", gap))
+        findings = doubts(owner, scenarios, grid)
+        state = LimitState(scenarios, grid, demand=demand, threshold=threshold)
+    if state.demand != REQUIRED_GAP:  # whose runs leave laws of contact out
         warn(owner, findings, strict=False)
     return state
 

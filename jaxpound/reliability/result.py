@@ -210,11 +210,6 @@ class RareEvent(Shown):
         return self.result.cov
 
     @property
-    def points(self) -> Float[np.ndarray, "n d"]:
-        """Samples, standard normal numbers."""
-        return self.result.samples.points
-
-    @property
     def weights(self) -> Float[np.ndarray, " n"]:
         """Weights of the samples."""
         return self.result.samples.weights
@@ -223,11 +218,6 @@ class RareEvent(Shown):
     def values(self) -> Float[np.ndarray, " n"]:
         """``LimitState.values`` of the samples: at least 0 where the event occurs."""
         return self.result.samples.values
-
-    @property
-    def repeats(self) -> Int[np.ndarray, " n"]:
-        """Number of each sample's repeat; empty where all samples are independent."""
-        return self.result.samples.repeats
 
     @property
     def design_points(self) -> DesignPoints:

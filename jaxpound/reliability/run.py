@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from os import PathLike
 from pathlib import Path
+from types import NoneType
 
 import jax
 from tqdm.auto import tqdm
@@ -15,31 +16,76 @@ from jaxpound.grid import TimeGrid
 from jaxpound.reliability.importance import OWNER, DesignPointSearch
 from jaxpound.reliability.limit_state import LimitState, state_of
 from jaxpound.reliability.result import RareEvent
-from jaxpound.reliability.subset import simulated
+from jaxpound.reliability.subset import SubsetSearch, simulated
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios import sampling
 from jaxpound.scenarios.scenarios import ScenarioSet
-from jaxpound.simulation.scheme import Scheme
 
 _METHODS = ("auto", "design points", "subset")
 _FEW = 30  # random numbers below which a few points do not stand for all failures
 _MOST_AROUND = 50_000  # runs around design points, by default
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class EventSearch:
+    """The way in which ``rare_event`` finds a probability.
+
+    Parameters
+    ----------
+    method
+        "design points"; "subset", which is ``subset_simulation`` and needs neither gradients nor
+        design points, but many more runs; or "auto": subset simulation where coordinates of the
+        scenarios are discrete, where they are fewer than 30 (a few points then do not stand for all
+        ways to fail), and where the search finds failures far from its design points; elsewhere
+        design points. The event's ``method`` says which and why; by "design points" such failures
+        are warnings.
+    start
+        An event of the same demand at another threshold, or of other structures in the same ground
+        motions: the search starts from its design points, if it has any. A curve of
+        probabilities, from the likelier to the rarer, then costs little.
+    max_runs
+        Largest number of runs without gradients; by default 50,000 around design points, and a
+        million by subset simulation. They come in batches of 256, three at least.
+    """
+
+    method: str = "auto"
+    start: RareEvent | None = None
+    max_runs: int | None = None
+
+    def __post_init__(self) -> None:
+        owner, method = "EventSearch", self.method
+        if method not in _METHODS:
+            raise InvalidInput(owner, "", "", f"method = {method!r}; {hint(method, _METHODS)}")
+        instance(owner, "start", self.start, RareEvent, NoneType)
+        if self.max_runs is not None:
+            count(owner, "max_runs", self.max_runs)
+
+    def start_of(self, state: LimitState) -> RareEvent | None:
+        """The event from whose design points the search of a limit state starts, if it has any."""
+        if self.start is None:
+            return None
+        before = self.start.limit_state
+        if before.dimension != state.dimension:
+            rule = f"must be of scenarios of {state.dimension} numbers, as these are"
+            raise InvalidInput(OWNER, f"start of {before.dimension}", "", rule)
+        by_name = isinstance(state.demand, str) or isinstance(before.demand, str)
+        if (by_name and before.demand != state.demand) or len(before.series) != len(state.series):
+            rule = f"must be of {state.demand!r}, as this event is"
+            raise InvalidInput(OWNER, f"start of the demand {before.demand!r}", "", rule)
+        return self.start if len(self.start.design_points) else None
+
+
 @resumable("store")
 def rare_event(
-    scenarios: ScenarioSet,
-    grid: TimeGrid,
+    scenarios: ScenarioSet | LimitState,
+    grid: TimeGrid | None = None,
     gap: float | None = None,
     *,
     demand: DemandSpec = REQUIRED_GAP,
     threshold: float | None = None,
-    scheme: Scheme = Scheme(),
     cov: float = 0.1,
-    method: str = "auto",
+    search: EventSearch = EventSearch(),
     key: int | jax.Array = 0,
-    start: RareEvent | None = None,
-    max_runs: int | None = None,
     store: str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> RareEvent:
@@ -54,10 +100,9 @@ def rare_event(
 
     Parameters
     ----------
-    scenarios
-        Structures and ground motion as functions of standard normal numbers.
-    grid, scheme
-        See ``simulate``.
+    scenarios, grid
+        Structures and ground motion as functions of standard normal numbers, and the time grid of
+        ``simulate``. Or, alone, a ``LimitState``: it may have another scheme.
     gap
         The gap at rest ≥ 0 of all links, in g/ω1², or in m for ``Buildings``: the event is that any
         link closes by more. By default gaps are those of the structures.
@@ -65,22 +110,10 @@ def rare_event(
         Another event, demand ≥ threshold; see ``LimitState``.
     cov
         The target coefficient of variation of the estimate, between 0 and 1.
-    method
-        "design points"; "subset", which is ``subset_simulation`` and needs neither gradients nor
-        design points, but many more runs; or "auto": subset simulation where coordinates of the
-        scenarios are discrete, where they are fewer than 30 (a few points then do not stand for all
-        ways to fail), and where the search finds failures far from its design points; elsewhere
-        design points. The result's ``method`` says which and why; by "design points" such failures
-        are warnings.
+    search
+        The method, an event to start from, and the largest number of runs.
     key
         A seed, or a key of ``jax.random``. Sample i depends on it and on i alone.
-    start
-        An event of the same demand at another threshold, or of other structures in the same ground
-        motions: the search starts from its design points, if it has any. A curve of
-        probabilities, from the likelier to the rarer, then costs little.
-    max_runs
-        Largest number of runs without gradients; by default 50,000 around design points, and a
-        million by subset simulation. They come in batches of 256, three at least.
     store
         A folder that keeps design points and finished runs: after an interruption the same call,
         or one with a smaller ``cov``, continues from them, and its result is the same. It is for
@@ -113,62 +146,49 @@ def rare_event(
     >>> ground = jp.CustomDraw(lambda z: jp.Record(0.2 * hills @ z, 0.1, time_unit="1/ω1"), 5)
     >>> scenarios = jp.Scenarios(jp.paper.structures(), ground)
     >>> grid = jp.TimeGrid.until(8.0, dt=0.1)
-    >>> event = jp.rare_event(scenarios, grid, 0.4, method="design points", progress=False)
+    >>> by_points = jp.reliability.EventSearch("design points")
+    >>> event = jp.rare_event(scenarios, grid, 0.4, search=by_points, progress=False)
     >>> 5e-6 < event.probability < 1e-5, event.cov <= 0.1
     (True, True)
     >>> earthquake = event.design_earthquakes[0]
     >>> bool(jp.demand(earthquake.structures, earthquake.ground, grid).min_gap < 1 - 0.399)
     True
     """
-    state = state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold)
-    return event_of(state, cov, method, key, start, max_runs, store, progress)
+    state = state_of(OWNER, scenarios, grid, gap, demand, threshold)
+    instance(OWNER, "search", search, EventSearch)
+    return event_of(state, cov, search, key, store, progress)
 
 
 def event_of(
     state: LimitState,
-    cov: float = 0.1,
-    method: str = "auto",
-    key: int | jax.Array = 0,
-    start: RareEvent | None = None,
-    max_runs: int | None = None,
-    store: str | PathLike[str] | None = None,
-    progress: bool = True,
+    cov: float,
+    options: EventSearch,
+    key: int | jax.Array,
+    store: str | PathLike[str] | None,
+    progress: bool,
 ) -> RareEvent:
     """``rare_event`` of a limit state."""
     require_share(OWNER, "cov", cov)
-    most = _MOST_AROUND if max_runs is None else count(OWNER, "max_runs", max_runs)
     sampling.key_numbers(OWNER, key)  # refuses a wrong key
-    if start is not None:
-        instance(OWNER, "start", start, RareEvent)
-        before = start.limit_state
-        if before.dimension != state.dimension:
-            rule = f"must be of scenarios of {state.dimension} numbers, as these are"
-            raise InvalidInput(OWNER, f"start of {before.dimension}", "", rule)
-        named = isinstance(state.demand, str) or isinstance(before.demand, str)
-        if (named and before.demand != state.demand) or len(before.series) != len(state.series):
-            rule = f"must be of {state.demand!r}, as this event is"
-            raise InvalidInput(OWNER, f"start of the demand {before.demand!r}", "", rule)
-        start = start if len(start.design_points) else None
-
-    subset, why = choice(state, method)
+    start, most = options.start_of(state), options.max_runs
+    subset, why = choice(state, options.method)
     runs = gradients = 0
     if not subset:
         with tqdm(unit=" runs", unit_scale=True, disable=not progress) as bar:
-            search = DesignPointSearch(state, cov, most, key, start, store, bar)
-            outcome = search.event(only_by_points=method == "design points")
+            search = DesignPointSearch(state, cov, most or _MOST_AROUND, key, start, store, bar)
+            outcome = search.event(only_by_points=options.method == "design points")
         if isinstance(outcome, RareEvent):
             return outcome
         runs, gradients, why = search.runs, search.gradients, f"{outcome}: "
         store = None if store is None else Path(store) / "subset"
-    more = {} if max_runs is None else {"max_runs": max_runs}
-    event = simulated(state, cov=cov, key=key, store=store, progress=progress, why=why, **more)
-    return dataclasses.replace(event, runs=event.runs + runs, gradients=gradients)
+    levels = SubsetSearch() if most is None else SubsetSearch(max_runs=most)
+    event = simulated(state, cov, levels, key, store, progress)
+    method, runs = why + event.method, runs + event.runs
+    return dataclasses.replace(event, method=method, runs=runs, gradients=gradients)
 
 
 def choice(state: LimitState, method: str) -> tuple[bool, str]:
     """Whether to use subset simulation, and why; an error where gradients cannot work."""
-    if method not in _METHODS:
-        raise InvalidInput(OWNER, "", "", f"method = {method!r}; {hint(method, _METHODS)}")
     if method == "subset":
         return True, ""
     if method == "design points":

@@ -9,16 +9,25 @@ is then unbiased, also with equal values (Bréhier, Gazeau, Goudenège, Lelièvr
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
 from tqdm.auto import tqdm
 
-from jaxpound._checks import Rule, count, enforce, positive, require_memory, require_share
+from jaxpound._checks import (
+    Rule,
+    count,
+    enforce,
+    instance,
+    positive,
+    require_memory,
+    require_share,
+)
 from jaxpound._errors import resumable
 from jaxpound.grid import TimeGrid
 from jaxpound.reliability import limit_state
@@ -35,11 +44,9 @@ from jaxpound.reliability.result import (
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
 from jaxpound.scenarios.scenarios import ScenarioSet
-from jaxpound.simulation.scheme import Scheme
 
 OWNER = "subset_simulation"
 
-_N, _P0, _REPEATS, _MAX_RUNS = 1000, 0.1, 20, 1_000_000
 _PART = 2048  # runs after which a file is written, but for queries of more
 _COLUMNS = ("repeat", "request", "value")
 _ACCEPTANCE = 0.44  # share of accepted moves to which the steps' scale is adapted
@@ -51,20 +58,58 @@ _LARGE_COV, _LARGE_SHARE = 0.5, 0.3
 _SURE = 0.05  # probability that a bound from samples is wrong
 
 
+@dataclasses.dataclass(frozen=True)
+class SubsetSearch:
+    """The samples of a subset simulation.
+
+    Parameters
+    ----------
+    n
+        Samples of a level in one repeat. More find rarer ways to fail.
+    p0
+        Share of a level's samples that lie in the next; at least 10 samples, at most half of n.
+    repeats
+        Number of independent repeats, at least 2; all run in the same batches. Repeat r depends on
+        the key and r alone.
+    max_runs
+        Number of runs beyond which no repeats are added.
+    """
+
+    n: int = 1000
+    p0: float = 0.1
+    repeats: int = 20
+    max_runs: int = 1_000_000
+
+    def __post_init__(self) -> None:
+        owner, p0 = "SubsetSearch", self.p0
+        for name in ("n", "repeats", "max_runs"):
+            object.__setattr__(self, name, count(owner, name, getattr(self, name)))
+        require_share(owner, "p0", p0)
+        few = f"at least {_FEWEST_SEEDS} for chains to start from, {_FEWEST_SEEDS / p0:.0f} samples"
+        spread = "at least 2, for the spread of the estimate"
+        rules = [
+            Rule("p0", p0, p0 <= 0.5, "at most 0.5"),
+            Rule("p0 n", self.seeds, self.seeds >= _FEWEST_SEEDS, few),
+            Rule("repeats", self.repeats, self.repeats >= 2, spread),
+        ]
+        enforce(owner, rules)
+
+    @property
+    def seeds(self) -> int:
+        """Samples of a level that lie in the next."""
+        return round(self.p0 * self.n)
+
+
 @resumable("store")
 def subset_simulation(
-    scenarios: ScenarioSet,
-    grid: TimeGrid,
+    scenarios: ScenarioSet | LimitState,
+    grid: TimeGrid | None = None,
     gap: float | None = None,
     *,
     demand: DemandSpec = REQUIRED_GAP,
     threshold: float | None = None,
-    scheme: Scheme = Scheme(),
-    n: int = _N,
-    p0: float = _P0,
-    repeats: int = _REPEATS,
     cov: float | None = None,
-    max_runs: int = _MAX_RUNS,
+    search: SubsetSearch = SubsetSearch(),
     key: int | jax.Array = 0,
     store: str | PathLike[str] | None = None,
     progress: bool = True,
@@ -88,51 +133,46 @@ def subset_simulation(
 
     Parameters
     ----------
-    scenarios, grid, gap, demand, threshold, scheme, key
-        See ``rare_event``. ``scenarios`` may be any object with ``dimension`` and ``realize``.
-    n
-        Samples of a level in one repeat. More find rarer ways to fail.
-    p0
-        Share of a level's samples that lie in the next; at least 10 samples, at most half of n.
-    repeats
-        Number of independent repeats, at least 2; all run in the same batches. Repeat r depends on
-        key and r alone.
+    scenarios, grid, gap, demand, threshold, key
+        See ``rare_event``. Scenarios may be any object with ``dimension`` and ``realize``.
     cov
         The target coefficient of variation: repeats are added until it is reached. None: no more
-        than ``repeats``.
-    max_runs
-        Number of runs beyond which no repeats are added.
+        than those of ``search``.
+    search
+        The samples of a level, and the repeats.
     store, progress
-        See ``rare_event``. The same call may also continue to more ``repeats``. An interruption
-        loses at most some 2,000 runs (or n, if that is more).
+        See ``rare_event``. The same call may also continue to more repeats. An interruption loses
+        at most some 2,000 runs (or n, if that is more).
 
     Examples
     --------
     >>> ground = jp.RandomRicker(2, jp.LogNormal(0.1, 0.5), jp.Uniform(1, 3.8), jp.Uniform(1, 7))
     >>> scenarios = jp.Scenarios(jp.paper.structures(), ground)
     >>> grid = jp.TimeGrid.until(10.0, dt=0.05)
-    >>> event = jp.subset_simulation(scenarios, grid, 0.6, n=200, repeats=4, progress=False)
+    >>> few = jp.reliability.SubsetSearch(n=200, repeats=4)
+    >>> event = jp.subset_simulation(scenarios, grid, 0.6, search=few, progress=False)
     >>> 1e-3 < event.probability < 3e-2
     True
     """
-    state = limit_state.state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold)
-    return simulated(state, n, p0, repeats, cov, max_runs, key, store, progress)
+    state = limit_state.state_of(OWNER, scenarios, grid, gap, demand, threshold)
+    instance(OWNER, "search", search, SubsetSearch)
+    return simulated(state, cov, search, key, store, progress)
 
 
 def simulated(
     state: LimitState,
-    n: int = _N,
-    p0: float = _P0,
-    repeats: int = _REPEATS,
-    cov: float | None = None,
-    max_runs: int = _MAX_RUNS,
-    key: int | jax.Array = 0,
-    store: str | PathLike[str] | None = None,
-    progress: bool = True,
-    why: str = "",
+    cov: float | None,
+    options: SubsetSearch,
+    key: int | jax.Array,
+    store: str | PathLike[str] | None,
+    progress: bool,
 ) -> RareEvent:
-    """``subset_simulation`` of a limit state; ``why`` begins the sentence on the method."""
-    n, repeats, max_runs = _checked(state, n, p0, repeats, cov, max_runs)
+    """``subset_simulation`` of a limit state."""
+    if cov is not None:
+        positive(OWNER, cov=cov)
+    n, p0, max_runs = options.n, options.p0, options.max_runs
+    most = max(max_runs, n * options.repeats)
+    require_memory(OWNER, "max_runs", most, most * (state.dimension + 2) * 8)
     _, numbers = key_numbers(OWNER, key)
     described = {"n": n, "p0": float(p0), "numpy": np.__version__}  # NumPy draws
     search, part = "a subset simulation", max(n, _PART)
@@ -145,7 +185,7 @@ def simulated(
         def report(reached: list[float]) -> None:
             bar.set_postfix_str(_so_far(levels) if levels else f"P < {np.mean(reached):.2g}")
 
-        more = repeats
+        more = options.repeats
         while more > 0:
             steps = {}
             for r in range(len(levels), len(levels) + more):
@@ -162,9 +202,9 @@ def simulated(
                 more = min(len(levels), needed, room * len(levels) // runs.count)
     least, most = min(map(len, levels)), max(map(len, levels))
     depths = f"{most} level{'s' * (most > 1)}" if least == most else f"{least} to {most} levels"
-    method = f"{why}subset simulation by adaptive conditional sampling, {len(levels)} repeats of"
+    method = f"subset simulation by adaptive conditional sampling, {len(levels)} repeats of"
     method += f" {n:,} samples a level, p0 = {p0:.3g}, {depths}; c.o.v. by repeats"
-    bound, warnings = _bound(levels, round(p0 * n))
+    bound, warnings = _bound(levels, options.seeds)
     if runs.failed:
         warnings.append(f"{runs.failed:,} of {runs.count:,} runs failed and count as safe")
     parts = []  # every level's samples that are not in the next
@@ -180,28 +220,6 @@ def simulated(
     result = SubsetResult(samples, estimates, bound)
     warnings += _warnings(levels, cov, max_runs)
     return RareEvent(state, result, runs.count, 0, method, tuple(warnings))
-
-
-def _checked(
-    state: LimitState, n: Any, p0: Any, repeats: Any, cov: Any, max_runs: Any
-) -> tuple[int, int, int]:
-    """The whole numbers; an ``InvalidInput`` for an argument that breaks its rule."""
-    n, repeats = count(OWNER, "n", n), count(OWNER, "repeats", repeats)
-    max_runs = count(OWNER, "max_runs", max_runs)
-    require_share(OWNER, "p0", p0)
-    if cov is not None:
-        positive(OWNER, cov=cov)
-    seeds = round(p0 * n)
-    few = f"at least {_FEWEST_SEEDS} for chains to start from, {_FEWEST_SEEDS / p0:.0f} samples"
-    rules = [
-        Rule("p0", p0, p0 <= 0.5, "at most 0.5"),
-        Rule("p0 n", seeds, seeds >= _FEWEST_SEEDS, few),
-        Rule("repeats", repeats, repeats >= 2, "at least 2, for the spread of the estimate"),
-    ]
-    enforce(OWNER, rules)
-    most = max(max_runs, n * repeats)
-    require_memory(OWNER, "max_runs", most, most * (state.dimension + 2) * 8)
-    return n, repeats, max_runs
 
 
 def _estimate(by_repeat: Sequence[list[Level]]) -> tuple[np.ndarray, float]:

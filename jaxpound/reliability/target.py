@@ -6,23 +6,20 @@ import dataclasses
 import math
 from os import PathLike
 from pathlib import Path
-from types import NoneType
 from typing import NamedTuple
 
 import jax
 
-from jaxpound._checks import Rule, enforce, finite, instance, require_share
+from jaxpound._checks import Rule, enforce, finite, require_share
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, interval, name, put, require_paths
 from jaxpound.model.system import Structures
-from jaxpound.reliability.limit_state import state_of
+from jaxpound.reliability.limit_state import LimitState, state_of
 from jaxpound.reliability.result import RareEvent, Slope
-from jaxpound.reliability.run import event_of, require_smooth
-from jaxpound.results.named import REQUIRED_GAP, DemandSpec
+from jaxpound.reliability.run import EventSearch, event_of, require_smooth
 from jaxpound.scenarios.scenarios import ScenarioSet
-from jaxpound.simulation.scheme import Scheme
 
 OWNER = "reach_probability"
 
@@ -81,13 +78,10 @@ class TargetResult(Shown):
 def reach_probability(
     path: str,
     probability: float,
-    scenarios: ScenarioSet,
-    grid: TimeGrid,
+    scenarios: ScenarioSet | LimitState,
+    grid: TimeGrid | None = None,
     gap: float | None = None,
     *,
-    demand: DemandSpec = REQUIRED_GAP,
-    threshold: float | None = None,
-    scheme: Scheme = Scheme(),
     tolerance: float = 0.1,
     key: int | jax.Array = 0,
     start: RareEvent | None = None,
@@ -109,9 +103,11 @@ def reach_probability(
         fixed also where the scenarios draw it.
     probability
         The target probability, between 0 and 1.
-    scenarios, grid, gap, demand, threshold, scheme, key, start, progress
-        See ``rare_event``. The search starts from the scenarios' value (its median); the design
-        points of ``start``, an event at this value, are not sought again.
+    scenarios, grid, gap, key, progress
+        See ``rare_event``; of another demand a ``LimitState``. The search starts from the
+        scenarios' value (its median).
+    start
+        An event at this value, whose design points are not sought again (see ``EventSearch``).
     tolerance
         Admissible relative deviation from the target probability, between 0 and 1. The coefficient
         of variation of each estimate is half of it.
@@ -130,8 +126,7 @@ def reach_probability(
     """
     require_share(OWNER, "probability", probability)
     require_share(OWNER, "tolerance", tolerance)
-    instance(OWNER, "start", start, RareEvent, NoneType)
-    first = state_of(OWNER, scenarios, grid, gap, scheme, demand, threshold)
+    first = state_of(OWNER, scenarios, grid, gap)
     require_smooth(OWNER, first, WITHOUT_JUMPS)
     nominal = first.nominal
     require_paths(OWNER, nominal, [path])
@@ -143,7 +138,8 @@ def reach_probability(
     for _ in range(_MOST):
         state = dataclasses.replace(first, changes={path: value})
         folder = None if store is None else Path(store) / f"{path}-{value:.9g}"
-        event = event_of(state, tolerance / 2, "design points", key, event, None, folder, progress)
+        search = EventSearch("design points", event)
+        event = event_of(state, tolerance / 2, search, key, folder, progress)
         runs, gradients = runs + event.runs, gradients + event.gradients
         if not math.isfinite(event.cov) or event.probability == 1:
             rule = f"must lead to a probability that can be estimated: {'; '.join(event.warnings)}"

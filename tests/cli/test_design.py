@@ -35,7 +35,8 @@ def test_the_example_and_goals_in_words_of_the_library(write):
     limits = {"peak_f1": jp.design.Limit(1.9e6, "mean"), "damper_force": jp.design.Limit(800e3)}
     assert wanted.objective == jp.Objective(limits=limits)
     assert (len(wanted.ensemble), given.search.fresh) == (256, 1000)
-    assert given.search.options() == {"starts": 4, "iterations": 100, "key": 0}
+    search = given.search.model()
+    assert (search.starts, search.iterations, search.key, search.batch) == (4, 100, 0, None)
     least = '"least demand" & demand = "peak_x1" & # over -> over = 0.1'
     for changes, goal in (
         ('"worst gap"', jp.design.WorstGap()),

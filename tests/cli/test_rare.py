@@ -149,7 +149,7 @@ def test_pounding_is_the_closing_of_the_gap(changes, searches, monkeypatch):
         states.append(state)
         return SimpleNamespace(design_points=(), limit_state=state)
 
-    monkeypatch.setattr(rare, "event_of", searched)
+    monkeypatch.setattr(jp, "rare_event", searched)
     file, given, state = posed(changed(EXAMPLE, changes))
     found = rare.searched(file, given, state)
     assert len(states) == searches

@@ -97,7 +97,6 @@ test_bad_calibrations_are_named = refusals(
     ({"start": {"friction": 2.0}}, "calibrate: start: DesignSpace: design lacks 'rod_1.order'"),
     ({"confidence": 1.0}, "confidence = 1 must be between 0 and 1"),
     ({"starts": 0}, "starts = 0 must be a positive"),
-    ({"key": "a"}, "key = 'a' must be a whole number"),
     ({"noise": {"x1": "a", "a2": 1.0}}, r"noise\['x1'\] = 'a' must be a real number"),
     # Parameters that leave no trace; before the fit, what the grid does not resolve.
     (HIDDEN, "must determine all of friction, initial_gap"),

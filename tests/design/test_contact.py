@@ -44,7 +44,8 @@ def test_the_smallest_gap_within_a_limit_of_the_impulse():
     objective = jp.Objective(
         jp.design.GapAtRest(), limits={"peak_impulse": jp.design.Limit(limit, "mean")}
     )
-    how = {"starts": 1, "iterations": 40, "polish": False, "fresh": None, "progress": False}
+    search = jp.DesignSearch(starts=1, iterations=40, polish=False)
+    how = {"search": search, "fresh": None, "progress": False}
     found = jp.design_damper(CHOSEN_GAP, ensemble, GRID, objective=objective, **how)
     gaps = np.linspace(0.25, 0.4, 31)
     runs = demands(np.repeat(amplitudes, 31), np.tile(gaps, 2), 0.65)

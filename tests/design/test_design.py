@@ -1,7 +1,6 @@
 """The search for a design: known optima of stand-ins, and the paper's case."""
 
 import dataclasses
-import inspect
 import json
 import re
 from functools import cache, partial
@@ -20,6 +19,7 @@ from jaxpound.design import search as design_search
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.problem import DesignProblem
 from jaxpound.results.named import LIMITABLE_OF_PAIR, kind_of
+from tests.design.searches import in_search
 from tests.made import OF_CONTACT
 from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
@@ -69,7 +69,7 @@ def stand_in(monkeypatch):
 
 
 def search(objective=MEAN, space=SPACE, ensemble=ENSEMBLE, grid=GRID, **more):
-    more = {"starts": 3, "iterations": 80, "progress": False} | more
+    more = {"progress": False} | in_search({"starts": 3, "iterations": 80} | more)
     return jp.design_damper(space, ensemble, grid, objective=objective, **more)
 
 
@@ -176,7 +176,8 @@ def test_parts_of_the_ensemble_find_the_whole_s_optimum(stand_in):
 
 
 def test_single_precision_searches_too(stand_in):
-    more = {"limited_demand": "damper_force", "limits": [0.5, 0.3], "starts": 2, "iterations": 40}
+    more = {"limited_demand": "damper_force", "limits": [0.5, 0.3]}
+    more["search"] = jp.DesignSearch(starts=2, iterations=40)
     with jax.enable_x64(False):
         found, front = search(LIMITED), jp.pareto_front(SPACE, ENSEMBLE, GRID, **more)
     assert found.history.objective.dtype == np.float32
@@ -185,12 +186,6 @@ def test_single_precision_searches_too(stand_in):
     assert_survives_pickling((found, found.trained, front))
     assert front.designs[0].objective_function.limits["damper_force"].at_most == pytest.approx(0.3)
     assert not front.designs[-1].objective_function.limits
-
-
-def test_options_are_by_default_those_of_design_damper():
-    signature = inspect.signature(jp.design_damper).parameters
-    for field in dataclasses.fields(design_search.SearchOptions):
-        assert signature[field.name].default == field.default, field.name
 
 
 def test_dropped_starts_are_reported_and_never_returned(stand_in):
@@ -432,6 +427,14 @@ test_bad_arguments_are_named = refusals(
 )
 
 
+def test_a_search_is_an_object():
+    wrong = {"objective": MEAN, "search": {"starts": 2}}
+    words, problem = "search = .* must be of type DesignSearch", (SPACE, ENSEMBLE, GRID)
+    refused(words, jp.design_damper, *problem, **wrong)
+    more = {"limited_demand": "damper_force", "search": 80}
+    refused(words, jp.pareto_front, *problem, **more)
+
+
 def test_what_is_uncertain_cannot_be_chosen():
     space = jp.DesignSpace(PAPER, {"friction": (0, 1), "rod_1.tau_x": (0.5, 5.0)})
     for path, message in (
@@ -459,7 +462,8 @@ def test_a_front_of_limits_runs_one_program(stand_in, monkeypatch):
     programs = []
     make = AugmentedLagrangian.begin
     monkeypatch.setattr(AugmentedLagrangian, "begin", lambda a, x: programs.append(a) or make(a, x))
-    more = {"limited_demand": "damper_force", "limits": [0.5, 0.2, 0.35], "starts": 2}
+    more = {"limited_demand": "damper_force", "limits": [0.5, 0.2, 0.35]}
+    more["search"] = jp.DesignSearch(starts=2, iterations=100)
     front = jp.pareto_front(SPACE, ENSEMBLE, GRID, **more)
     first, *others = programs
     assert others == [first] * 3
@@ -481,16 +485,17 @@ def test_a_front_of_limits_runs_one_program(stand_in, monkeypatch):
 def test_a_front_ends_where_limits_cannot_be_met(stand_in):
     space = jp.DesignSpace(PAPER, {"friction": (0.3, 1.0), "mass_ratio": (0.5, 2.5)})
     front_of = partial(jp.pareto_front, space, ENSEMBLE, GRID)
-    more = {"start": {"friction": 0.5, "mass_ratio": 1.0}, "starts": 2, "iterations": 40}
+    start = {"friction": 0.5, "mass_ratio": 1.0}
+    more = {"search": jp.DesignSearch(start, starts=2, iterations=40)}
     more["limited_demand"] = "damper_force"
     assert front_of(limits=[0.4, 0.2], over="worst", **more).infeasible == (0.2,)
-    limited_demands = front_of(points=4, **more).limited_demands
+    limited_demands = front_of(limits=4, **more).limited_demands
     assert limited_demands.max() == pytest.approx(0.6, abs=0.01)
     assert 0.3 <= limited_demands.min() < 0.5
     limited = jp.Objective(limits={"peak_f1": 1.0})
     for change, message in (
         ({"limited_demand": "peak_f3"}, "limited_demand = 'peak_f3' must be one of"),
-        ({"limited_demand": "peak_f1", "points": 0}, "points = 0 must be"),
+        ({"limited_demand": "peak_f1", "limits": 0}, "limits = 0 must be"),
         ({"limited_demand": "peak_f1", "limits": [-1.0]}, "limits = -1 "),
         (
             {"limited_demand": "peak_f1", "objective": limited},
@@ -500,17 +505,20 @@ def test_a_front_ends_where_limits_cannot_be_met(stand_in):
         refused(message, front_of, **change)
 
 
-@pytest.mark.parametrize("limits", [None, [0.5, 0.01]])
+@pytest.mark.parametrize("limits", [2, [0.5, 0.01]])
 def test_a_front_shows_one_bar_for_all_its_searches(limits, stand_in, capsys):
     space = jp.DesignSpace(PAPER, {"friction": (0.2, 1.0)})
     front_of = partial(jp.pareto_front, space, ENSEMBLE, GRID, limited_demand="damper_force")
-    refused("starts = 0", front_of, starts=0)
+    refused("start: .* lacks 'friction'", front_of, search=jp.DesignSearch({}))
     assert capsys.readouterr().err == ""
-    more = {"limits": limits, "points": 2, "starts": 1, "iterations": 5}
+    seen = []
+    search = jp.DesignSearch(starts=1, iterations=5, callback=seen.append)
+    more = {"limits": limits, "search": search}
     front_of(**more)
     shown = capsys.readouterr().err.split("\r")
-    n = 5 * (2 if limits is None else 3)
-    best = r"[\d.]+" if limits is None else "none yet"  # of the last search
+    n = 5 * (2 if limits == 2 else 3)
+    assert len(seen) == n
+    best = r"[\d.]+" if limits == 2 else "none yet"  # of the last search
     assert re.search(rf"^100%.* {n}/{n} .*objective={best}\]\s*\n$", shown[-1])
     assert "\n" not in "".join(shown[:-1])
     front_of(progress=False, **more)

@@ -47,7 +47,8 @@ def test_prices_are_those_that_the_system_has():
 
 def test_a_system_is_designed():
     objective = jp.Objective(penalties={"peak_x3": 0.1}, limits={"damper_force": 0.7})
-    how = {"starts": 1, "iterations": 2, "polish": False, "fresh": None, "progress": False}
+    search = jp.DesignSearch(starts=1, iterations=2, polish=False)
+    how = {"search": search, "fresh": None, "progress": False}
     space = jp.DesignSpace(SYSTEM, FRICTION)
     found = jp.design_damper(space, ENSEMBLE, GRID, objective=objective, **how)
     (friction,) = found.values.values()

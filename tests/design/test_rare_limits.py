@@ -10,6 +10,7 @@ import jaxpound as jp
 from jaxpound.design.problem import LogRatios, RareEstimates
 from jaxpound.design.rare_limits import TrustRegion, updated_curvatures
 from jaxpound.design.run import InfeasibleError
+from tests.design.searches import in_search
 from tests.refusals import refusals
 from tests.reliability import case_w
 
@@ -42,7 +43,7 @@ def objective(**limit):
 
 
 def designed(goal, space=SPACE, ensemble=ENSEMBLE, grid=GRID, **more):
-    return jp.design_damper(space, ensemble, grid, objective=goal, **(SHORT | more))
+    return jp.design_damper(space, ensemble, grid, objective=goal, **in_search(SHORT | more))
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ SPACE = jp.DesignSpace(ROW, DAMPERS)
 BUDGET = 1.0
 SOON = jp.Scheme(jp.simulation.Switching())  # compiled, as friction's events are not located
 UPPER_STOREY = "buildings.0.rods.1.stiffness"
-SEARCH = {"starts": 2, "iterations": 40, "progress": False}
+SEARCH = {"search": jp.DesignSearch(starts=2, iterations=40), "progress": False}
 
 
 def with_friction(slip_forces):
@@ -231,7 +231,8 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     least = int(np.argmin(scanned))
     assert 2 < least < 78
     space = jp.DesignSpace(row, {"links.0.friction": (0.0, 0.8 * newton)})
-    how = SEARCH | {"starts": 1, "iterations": 30, "fresh": None}
+    search = jp.DesignSearch(starts=1, iterations=30)
+    how = {"search": search, "fresh": None, "progress": False}
     how["objective"] = jp.Objective(jp.design.LeastDemand("peak_acceleration_1"))
     found = jp.design_damper(space, ensemble, grid, **how)
     assert -scanned[least] - 1e-3 <= found.objective

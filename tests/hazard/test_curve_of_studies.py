@@ -121,7 +121,7 @@ def test_a_rare_event_s_rate_and_its_intensities(event, found):
     assert STRONGER.annual_rate_of(event, drawn=True).value > rate.value
     doubted = dataclasses.replace(event, warnings=("one repeat makes most of the estimate",))
     assert "one repeat makes most" in repr(HAZARD.annual_rate_of(doubted))
-    amplitude = np.asarray(DRAWN.from_normal(event.points[:, 0]))
+    amplitude = np.asarray(DRAWN.from_normal(event.result.samples.points[:, 0]))
     whole = rate.deaggregation([0.7, np.inf], intensity=amplitude)
     assert whole.rate[0] == pytest.approx(rate.value)
     assert whole.cov[0] == pytest.approx(rate.cov)  # by the spread of repeats, too

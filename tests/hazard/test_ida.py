@@ -81,6 +81,15 @@ def test_thresholds_demands_records_and_fractiles(linear):
     peaks = analysed(demand="peak_x1", threshold=0.02)
     own = analysed(demand=lambda demand: demand.masses[0].peak_x, threshold=0.02)
     np.testing.assert_allclose(own.capacities, peaks.capacities, rtol=1e-10)
+
+    def required_gap(demand):
+        """A user's demand is no closing, whatever its name."""
+        return demand.masses[0].peak_x
+
+    by_name = analysed(demand=required_gap, threshold=0.02)
+    np.testing.assert_array_equal(by_name.capacities, own.capacities)
+    assert (by_name.demand, by_name.fragility().event) == ("demand", "demand ≥ 0.02")
+    refused("threshold = None must be a number", analysed, demand=required_gap)
     np.testing.assert_allclose(peaks.demands[:, 1], 2 * peaks.demands[:, 0], rtol=1e-9)
     found = analysed(grid=jp.TimeGrid.until(float(SUITE[1].duration), float(SUITE[1].dt)))
     np.testing.assert_allclose(found.factors, linear.factors, rtol=1e-3)  # of another duration

@@ -72,7 +72,8 @@ def test_before_and_after_are_distributions_and_a_front_its_prices_and_objective
     stand_in(lambda mu, rho, a: bowl(mu, rho, a) - 0.9)
     ax = plots.before_and_after(search(iterations=40).trained, new_axes())
     assert any(label.startswith("pounding") for label in ax.get_legend_handles_labels()[1])
-    more = {"limited_demand": "damper_force", "limits": [0.5, 0.3], "starts": 2, "iterations": 40}
+    more = {"limited_demand": "damper_force", "limits": [0.5, 0.3]}
+    more["search"] = jp.DesignSearch(starts=2, iterations=40)
     front = jp.pareto_front(SPACE, ENSEMBLE, GRID, **more)
     ax = plots.pareto(front, new_axes())
     x, y = ax.lines[0].get_data()

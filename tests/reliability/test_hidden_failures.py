@@ -7,8 +7,8 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 import jaxpound as jp
-from jaxpound.reliability.run import event_of
 from tests.refusals import refused
+from tests.reliability.searches import event_of
 
 KEYS = range(10)
 
@@ -162,7 +162,7 @@ def test_overlaps_lead_to_impacts():
             assert known.design_points.z.max(axis=1) == pytest.approx(state.beta, abs=0.03)
             assert {*known.design_points.z.argmax(axis=1)} == {*range(5)}
             # The runs on the ways to overlaps are counted.
-            assert known.runs > len(known.points) + 512
+            assert known.runs > len(known.values) + 512
 
 
 @pytest.mark.parametrize("state", [Flat(), Regime()])

@@ -14,10 +14,10 @@ from jaxpound.reliability import limit_state
 from jaxpound.reliability.design_points import DesignPoints, find_design_points
 from jaxpound.reliability.importance import signs_of_missed_failures
 from jaxpound.reliability.result import DesignPointResult, Samples
-from jaxpound.reliability.run import event_of
 from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 from tests.reliability import case_w
+from tests.reliability.searches import event_of
 from tests.reliability.test_hidden_failures import Analytic, by_points
 from tests.reliability.test_subset import stopped
 
@@ -121,9 +121,10 @@ def test_samples_depend_on_key_and_number_alone_and_all_runs_count(events):
         assert f"raise max_runs = {most:,}" in event.warnings[0]
     event = events[0.47]
     again = event_of(case_w.state(0.47), key=1, start=events[0.27], cov=0.2, progress=False)
-    n = len(again.points)
-    assert n < len(event.points)
-    assert np.array_equal(again.points, event.points[:n])
+    n = len(again.values)
+    assert n < len(event.values)
+    points = again.result.samples.points, event.result.samples.points[:n]
+    assert np.array_equal(*points)
     assert np.array_equal(again.values, event.values[:n])
 
 
@@ -240,6 +241,7 @@ def drawn(factor):
 
 
 FEW, STILL = drawn(1), drawn(0)
+BY_POINTS = jp.reliability.EventSearch("design points")
 FRICTION = {"friction": jp.paper.structures().friction}
 STATE = jp.LimitState(FEW, SHORT, threshold=0.3, changes=FRICTION)
 
@@ -277,7 +279,7 @@ def assert_alike(event, other):
 
 
 def test_a_demand_as_a_series_and_as_a_function():
-    options = {"threshold": 0.5, "cov": 0.05, "method": "design points", "progress": False}
+    options = {"threshold": 0.5, "cov": 0.05, "search": BY_POINTS, "progress": False}
     by_name, by_function = (
         jp.rare_event(FEW, SHORT, demand=demand, **options)
         for demand in ("peak_x1", lambda demand: demand.masses[0].peak_x)
@@ -317,20 +319,28 @@ def two_demands(demand):
     return np.ones(2) * demand.pga
 
 
-BY_POINTS, MISSPELT = {"method": "design points"}, {"method": "desing points"}
-MEASURE = {"threshold": 1.0}
+MEASURE, POINTS = {"threshold": 1.0}, {"search": BY_POINTS}
 test_bad_input = refusals(
     (FEW, -1, {}, "gap = -1"),
     (FEW, 1.0, {"cov": 1.5}, "cov = 1.5"),
-    (FEW, 1.0, MISSPELT, "method = 'desing points'; did you mean 'design points'"),
+    (FEW, 1.0, {"search": "subset"}, "search = 'subset' must be of type EventSearch"),
     (FEW, None, {"demand": "peak_x3"} | MEASURE, "unknown demand 'peak_x3'"),
     (FEW, None, {"demand": "peak_x1"}, "threshold = None"),
     (FEW, 1.0, {"demand": "peak_x1"}, "gap = 1.0 must be None"),
     (FEW, None, MEASURE | {"demand": two_demands}, r"demand of shape \(2,\) must be one number"),
     (FEW, None, MEASURE | {"demand": lambda _: None}, "demand = None must be a real number"),
-    (STILL, 1.0, BY_POINTS, "demand must depend on the random numbers"),
-    (Chosen(), 1.0, BY_POINTS, "z_4 must not be discrete for design points"),
+    (STILL, 1.0, POINTS, "demand must depend on the random numbers"),
+    (Chosen(), 1.0, POINTS, "z_4 must not be discrete for design points"),
     of=lambda draw, gap, options: jp.rare_event(draw, SHORT, gap, progress=False, **options),
+)
+
+
+test_searches_that_break_a_rule = refusals(
+    ({"method": "desing points"}, "method = 'desing points'; did you mean 'design points'"),
+    ({"start": 0.3}, "start = 0.3 must be of type RareEvent or None"),
+    ({"max_runs": 0}, "max_runs = 0 must be a positive whole number"),
+    of=lambda wrong: jp.reliability.EventSearch(**wrong),
+    before="EventSearch: ",
 )
 
 

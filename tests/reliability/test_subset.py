@@ -14,10 +14,10 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 import jaxpound as jp
-from jaxpound.reliability.run import event_of
-from jaxpound.reliability.subset import simulated
+from jaxpound.reliability import SubsetSearch
 from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
+from tests.reliability.searches import event_of, simulated
 
 GRID = jp.TimeGrid.until(4.0, dt=0.1)
 SLIDING = dataclasses.replace(jp.paper.structures(), friction=0.0)
@@ -53,11 +53,13 @@ def test_a_half_normal_peak(scaled, four):
         assert (event.warnings, event.gradients, event.design_points.z.shape) == ((), 0, (0, 4))
         assert np.isnan(event.form)
         again = assert_survives_pickling(event)
-    np.testing.assert_array_equal(again.limit_state.values(four.points[:3]), four.values[:3])
+    np.testing.assert_array_equal(
+        again.limit_state.values(four.result.samples.points[:3]), four.values[:3]
+    )
 
 
 def test_the_weighted_points_are_a_sample_whose_tail_falls_as_a_normal_one(four):
-    assert len(four.points) == len(four.values) == len(four.weights) == four.runs
+    assert len(four.result.samples.points) == len(four.values) == len(four.weights) == four.runs
     assert four.weights.mean() == pytest.approx(1.0)
     assert np.mean(four.weights * (four.values >= 0)) == pytest.approx(four.probability)
     unit = four.limit_state.level / 4.0
@@ -85,7 +87,7 @@ def test_slopes_of_a_tail_as_heavy_as_that_of_a_hazard_curve(four, index):
     peaks = four.values / unit + 4.0
     demands = (2 * ndtr(-peaks)) ** (-1 / index)
     threshold = float((2 * ndtr(-4.0)) ** (-1 / index))
-    demand_of = {z.tobytes(): y for z, y in zip(four.points, demands, strict=True)}
+    demand_of = {z.tobytes(): y for z, y in zip(four.result.samples.points, demands, strict=True)}
 
     def sensitivities(points, chosen):
         return {"factor of the ground": np.array([demand_of[z.tobytes()] for z in points])}
@@ -194,20 +196,25 @@ def test_runs_that_fail_or_are_all_the_same_and_few_repeats_are_told():
 
 LONG = {"demand": "peak_x" + "9" * 3000, "threshold": 1.0}
 test_arguments_that_break_a_rule = refusals(
-    ({"n": 0}, "n = 0 must be a positive whole number"),
-    ({"n": 50}, "p0 n = 5 must be at least 10"),
-    ({"p0": 0.7}, "p0 = 0.7 must be at most 0.5"),
-    ({"p0": 1.0}, "p0 = 1 must be between 0 and 1"),
-    ({"repeats": 1}, "repeats = 1 must be at least 2"),
     ({"cov": -0.1}, "cov = -0.1 must be positive"),
     ({"key": -1}, "key = -1 must be a whole number from 0"),
-    ({"max_runs": 10**12}, "max_runs = 1,000,000,000,000 would take"),
+    ({"search": SubsetSearch(max_runs=10**12)}, "max_runs = 1,000,000,000,000 would take"),
+    ({"search": 100}, "search = 100 must be of type SubsetSearch"),
     ({"gap": -0.1}, "gap = -0.1 must be finite and not negative"),
     ({"gap": 0.3, "demand": "peak_x1"}, "gap = 0.3 must be None"),
     ({"demand": "peak_y", "threshold": 1.0}, "unknown demand 'peak_y'"),
     ({"demand": "y" * 3000}, r"unknown demand 'y{12}\.\.\.y{13}'; demands are named"),
     (LONG, r"unknown demand 'peak_x9{6}\.\.\.9{13}'; (did you mean|allowed)"),
     of=lambda wrong: jp.subset_simulation(SCENARIOS, GRID, **{"progress": False} | wrong),
+)
+test_samples_that_break_a_rule = refusals(
+    ({"n": 0}, "n = 0 must be a positive whole number"),
+    ({"n": 50}, "p0 n = 5 must be at least 10"),
+    ({"p0": 0.7}, "p0 = 0.7 must be at most 0.5"),
+    ({"p0": 1.0}, "p0 = 1 must be between 0 and 1"),
+    ({"repeats": 1}, "repeats = 1 must be at least 2"),
+    of=lambda wrong: SubsetSearch(**wrong),
+    before="SubsetSearch: ",
 )
 
 STORED = {"n": 300, "repeats": 10, "key": 3, "progress": False}  # two parts at the first level
@@ -239,7 +246,8 @@ def without_runs(monkeypatch, state, **options):
 
 def assert_same(found, expected):
     for name in ("points", "weights", "values", "repeats"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        arrays = (getattr(event.result.samples, name) for event in (found, expected))
+        np.testing.assert_array_equal(*arrays)
     for name in ("probability", "cov", "runs", "method", "warnings"):
         assert getattr(found, name) == getattr(expected, name)
 
@@ -329,9 +337,11 @@ jax.config.update("jax_enable_x64", True)
 import jaxpound as jp
 from jaxpound._xla import plan
 plan.choose(plan.looped)
+from tests.reliability.searches import simulated
 from tests.reliability.test_subset import GRID, SCENARIOS, STORED
 event = {"demand": "peak_x1", "threshold": float(sys.argv[2])}
-jp.subset_simulation(SCENARIOS, GRID, **event, **STORED, store=sys.argv[1])
+state = jp.LimitState(SCENARIOS, GRID, **event)
+simulated(state, **STORED, store=sys.argv[1])
 """
 
 

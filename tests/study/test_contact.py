@@ -1,6 +1,7 @@
 """Studies of blocks that touch: how often, how hard, and which parameter of the law matters."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -127,7 +128,6 @@ STUDIES = {
     "sobol_sensitivity": lambda s: jp.sobol_sensitivity(drawn(s), GRID, n=4),
     "rare_event": lambda s: jp.rare_event(drawn(s), GRID, **DISPLACEMENT),
     "subset_simulation": lambda s: jp.subset_simulation(drawn(s), GRID, **DISPLACEMENT),
-    "reach_probability": lambda s: jp.reach_probability("friction", 1e-3, drawn(s), **AT_GRID),
     "design_damper": designed,
     "elasticities": lambda s: jp.elasticities(s, RECORD, GRID),
     "perturbation_growth": lambda s: jp.perturbation_growth(s, RECORD, GRID),
@@ -160,6 +160,28 @@ def test_single_precision_and_batches_are_told_by_the_function_that_was_called(n
         r"contact\.stiffness": dataclasses.replace(TOUCHING, contact=SOFT),
     }
     assert_judged(name, STUDIES[name], TOUCHING, batches)
+
+
+SEARCHES = {
+    "rare_event": jp.rare_event,
+    "subset_simulation": jp.subset_simulation,
+    "reach_probability": functools.partial(jp.reach_probability, "friction", 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+def test_limit_states_are_judged_by_the_search_that_takes_them(name):
+    """Of single precision; batches by the limit state itself, or else by the search."""
+    search = SEARCHES[name]
+    with jax.enable_x64(False), pytest.raises(jp.PlausibilityWarning, match=f"^{name}: contact is"):
+        search(jp.LimitState(drawn(TOUCHING), **AT_GRID))
+    batch = drawn(dataclasses.replace(TOUCHING, initial_gap=GAPS))
+    says = r"structures: initial_gap of shape \(2,\) must be one number"
+    refused(f"^LimitState: {says}", jp.LimitState, batch, **AT_GRID)
+    refused(f"^{name}: {says}", search, batch, GRID)
+    refused(
+        f"{name}: grid = .* must be left out", search, jp.LimitState(drawn(TOUCHING), GRID), GRID
+    )
 
 
 @pytest.mark.parametrize("name", ANALYSES)

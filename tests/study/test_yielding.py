@@ -36,7 +36,8 @@ def test_random_strengths_make_a_fragility_by_ductility():
 def test_a_rare_ductility_is_as_frequent_as_its_gradients_say():
     scenarios = jp.Scenarios(BUILDING, GROUND)
     options = {"demand": "ductility", "threshold": 14.0, "key": 1, "progress": False}
-    event = jp.rare_event(scenarios, GRID, method="design points", **options)
+    by_points = jp.reliability.EventSearch("design points")
+    event = jp.rare_event(scenarios, GRID, search=by_points, **options)
     assert event.event == "largest ductility ≥ 14"
     subset = jp.subset_simulation(scenarios, GRID, cov=0.15, **options)
     apart = np.hypot(event.cov, subset.cov) * subset.probability
