@@ -22,7 +22,6 @@ from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, n
 from jaxpound.cli.tables import Gap, require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.parameters import get
-from jaxpound.reliability.result import DesignPointResult
 from jaxpound.reliability.run import choice, require_smooth
 from jaxpound.reliability.target import WITHOUT_JUMPS
 from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, unit_of
@@ -256,8 +255,7 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
         {"reliability_index": float(beta), "time_s": float(at)}
         for beta, at in zip(event.design_points.betas, event.instants, strict=True)
     ]
-    samples = event.result.samples
-    thin = event.result.thin if isinstance(event.result, DesignPointResult) else math.nan
+    samples = event.samples
     times, shares = samples.failures_by_instant
     return {
         **file.origin,
@@ -269,7 +267,7 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
         "method": event.method,
         "warnings": list(event.warnings),
         "largest_share_of_a_sample": samples.largest_share,
-        "share_where_samples_are_thin": thin,
+        "share_where_samples_are_thin": event.thin,
         "mean_time_of_failure_s": float(times @ shares) if len(times) else None,
         "design_earthquakes": earthquakes,
         "curve": [_numbers(*pair) for pair in result.curve.items()],

@@ -329,7 +329,7 @@ def of_study(
 
 def of_event(rate: float, event: RareEvent, intensity: Any) -> SamplesRate:
     """Of a rare event whose scenarios draw the intensity by the hazard."""
-    scenarios, samples, values = event.limit_state.scenarios, event.result.samples, {}
+    scenarios, samples, values = event.limit_state.scenarios, event.samples, {}
     names = parameter_names(scenarios) if intensity is None or isinstance(intensity, str) else ()
     if intensity is None:
         options = f"a parameter, {', '.join(names[-6:])}, or a number for each sample"

@@ -1,8 +1,6 @@
 from .limit_state import LimitState as LimitState
 from .result import DesignEarthquake as DesignEarthquake
-from .result import DesignPointResult as DesignPointResult
 from .result import RareEvent as RareEvent
-from .result import SubsetResult as SubsetResult
 from .run import EventSearch as EventSearch
 from .run import rare_event as rare_event
 from .subset import SubsetSearch as SubsetSearch

@@ -21,14 +21,7 @@ from scipy.special import log_ndtr, logsumexp, ndtr
 from jaxpound._errors import InvalidInput, warn
 from jaxpound.reliability.design_points import COVERED, DesignPoints, find_design_points
 from jaxpound.reliability.limit_state import COMPILING, LimitState, SearchRuns, require_dependence
-from jaxpound.reliability.result import (
-    NO_ESTIMATE,
-    RAREST,
-    DesignPointResult,
-    RareEvent,
-    Samples,
-    always,
-)
+from jaxpound.reliability.result import NO_ESTIMATE, RAREST, RareEvent, Samples, always
 from jaxpound.scenarios.sampling import Points, as_key, key_numbers, points
 from jaxpound.store.archive import DamagedError, digest, opened, write_archive
 
@@ -188,10 +181,10 @@ class DesignPointSearch:
         """The event of plain samples, where it is not rare."""
         sure = pilot.probability == 1
         samples = pilot if sure else self._samples(None, self._most, pilot)
-        result = DesignPointResult(samples, DesignPoints.none(self._state.dimension))
+        points = DesignPoints.none(self._state.dimension)
         bound = [always(len(samples))] if sure else []
         method = "plain Monte Carlo: the event is not rare"
-        return self._event(result, method, *self._unsure(samples), *bound)
+        return self._event(samples, points, method, [*self._unsure(samples), *bound])
 
     def _doubt(self, points: DesignPoints) -> str:
         """A sign that design points do not stand for all failures, in words; empty without one."""
@@ -224,20 +217,28 @@ class DesignPointSearch:
             by = f"by the design points (the nearest at {points.betas[0]:.3g})"
             bound = f"out of reach: the probability is below {RAREST:g}, {by}; {NO_ESTIMATE}"
             none = Samples(np.zeros((0, state.dimension)), *np.zeros((2, 0)))
-            result = DesignPointResult(none, points)
-            return self._event(result, "design points, no samples", bound, *doubts)
+            return self._event(none, points, "design points, no samples", [bound, *doubts])
         mixture = Mixture.of(points)
         samples = self._samples(mixture, self._most - self.runs)
         method = f"importance sampling around {len(mixture.centres)} design points"
         method += ", one an instant" if state.series else ""
         is_thin = mixture.log_ratios(samples.points)[1] > -np.log(_SPARSE)
-        thin = samples.parts[is_thin].sum() / max(samples.parts.sum(), 1e-300)
-        result = DesignPointResult(samples, points, float(thin))
-        signs = *self._unsure(samples), *signs_of_missed_failures(state, result)
-        return self._event(result, method, *doubts, *signs)
+        thin = float(samples.parts[is_thin].sum() / max(samples.parts.sum(), 1e-300))
+        signs = *self._unsure(samples), *signs_of_missed_failures(state, samples, points, thin)
+        return self._event(samples, points, method, [*doubts, *signs], thin)
 
-    def _event(self, result: DesignPointResult, method: str, *warnings: str) -> RareEvent:
-        return RareEvent(self._state, result, self.runs, self.gradients, method, warnings)
+    def _event(
+        self,
+        samples: Samples,
+        points: DesignPoints,
+        method: str,
+        warnings: list[str],
+        thin: float = np.nan,
+    ) -> RareEvent:
+        estimate = (samples.probability, samples.cov) if len(samples) else (RAREST, np.nan)
+        about: Any = {"method": method, "thin": thin, "warnings": tuple(warnings)}
+        counted = self.runs, self.gradients
+        return RareEvent(self._state, samples, *estimate, points, *counted, **about)
 
     def _samples(self, mixture: Mixture | None, most: int, first: Samples | None = None) -> Samples:
         """Samples, as many as are needed: plain ones, or of a mixture; ``first`` is batch 0."""
@@ -273,11 +274,13 @@ class DesignPointSearch:
             yield f"{failed:,} of {len(samples):,} runs failed and count as safe"
 
 
-def signs_of_missed_failures(state: LimitState, result: DesignPointResult) -> Iterator[str]:
+def signs_of_missed_failures(
+    state: LimitState, samples: Samples, points: DesignPoints, thin: float
+) -> Iterator[str]:
     """Signs that failures were missed, in sentences."""
-    samples, near = result.samples, result.design_points.near
-    if result.thin > _THIN:
-        source = f"{result.thin:.0%} of the estimate comes from where few samples are drawn"
+    near = points.near
+    if thin > _THIN:
+        source = f"{thin:.0%} of the estimate comes from where few samples are drawn"
         reason = "there are failures that no design point stands for"
         yield f"{source}: {reason}; compare with subset_simulation"
     if samples.largest_share > _LARGEST:

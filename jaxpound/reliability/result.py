@@ -1,8 +1,5 @@
 """The result of a search for a rare event: its probability and how it comes about.
 
-``RareEvent`` has what both methods give, and the result of its method: ``DesignPointResult`` or
-``SubsetResult``.
-
 Derivatives of a small probability by parameters of the structures follow from the samples near the
 limit state: P(θ) = E[w 1{V ≥ 0}], so dP/dθ = E[w δ(V) ∂V/∂θ] with the limit state's value V.
 Only samples near the limit count: those whose value is exceeded with a probability between
@@ -137,94 +134,32 @@ def cov_of_mean(numbers: np.ndarray) -> float:
     return float(numbers.std(ddof=1) / math.sqrt(len(numbers)) / numbers.mean())
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class DesignPointResult:
-    """Samples around design points; or plain ones of an event that is not rare, without points."""
-
-    samples: Samples
-    """There are none where the event is out of reach."""
-    design_points: DesignPoints
-    thin: float = math.nan
-    """Share of the estimate from regions with few samples: failures far from all design points.
-    NaN without design points."""
-
-    @property
-    def probability(self) -> float:
-        """The estimate; without samples a bound."""
-        return self.samples.probability if len(self.samples) else RAREST
-
-    @property
-    def cov(self) -> float:
-        """Its coefficient of variation; NaN of a bound."""
-        return self.samples.cov if len(self.samples) else math.nan
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class SubsetResult:
-    """Samples of all levels of subset simulation, each level without those in the next."""
-
-    samples: Samples
-    estimates: Float[np.ndarray, " r"]
-    """The probability by each repeat."""
-    bound: float | None = None
-    """A bound on a probability that is out of reach."""
-
-    @property
-    def probability(self) -> float:
-        """The mean of the estimates, or the bound."""
-        return float(self.estimates.mean()) if self.bound is None else self.bound
-
-    @property
-    def cov(self) -> float:
-        """The coefficient of variation of that mean; NaN of a bound."""
-        return cov_of_mean(self.estimates) if self.bound is None else math.nan
-
-
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class RareEvent(Shown):
-    """The probability of a limit state; made by ``rare_event`` or ``subset_simulation``.
-
-    Its samples have weights: the probability is mean(weights · (values ≥ 0)).
-    """
+    """The probability of a limit state; made by ``rare_event`` or ``subset_simulation``."""
 
     limit_state: LimitState
-    result: DesignPointResult | SubsetResult
-    """What the method has found."""
+    samples: Samples
+    """Those around design points, plain ones of an event that is not rare, or those of all levels
+    of subset simulation, each level without those in the next. None where the event is out of reach
+    of design points."""
+    probability: float
+    """The estimate P of the probability, or a bound."""
+    cov: float
+    """Coefficient of variation of the estimate; NaN of a bound."""
+    design_points: DesignPoints
+    """Where the limit state is nearest; none by subset simulation, or if it is not rare."""
     runs: int
     """Number of runs."""
     gradients: int
     """Number of runs with a gradient by z."""
     method: str
     """The method, in words."""
+    thin: float = math.nan
+    """Share of the estimate from regions with few samples: failures far from all design points.
+    NaN without samples around design points."""
     warnings: tuple[str, ...] = ()
     """Why not to trust the estimate, in sentences."""
-
-    @property
-    def probability(self) -> float:
-        """The estimate P of the probability."""
-        return self.result.probability
-
-    @property
-    def cov(self) -> float:
-        """Coefficient of variation of the estimate."""
-        return self.result.cov
-
-    @property
-    def weights(self) -> Float[np.ndarray, " n"]:
-        """Weights of the samples."""
-        return self.result.samples.weights
-
-    @property
-    def values(self) -> Float[np.ndarray, " n"]:
-        """``LimitState.values`` of the samples: at least 0 where the event occurs."""
-        return self.result.samples.values
-
-    @property
-    def design_points(self) -> DesignPoints:
-        """Where the limit state is nearest; none by subset simulation, or if it is not rare."""
-        if isinstance(self.result, DesignPointResult):
-            return self.result.design_points
-        return DesignPoints.none(self.limit_state.dimension)
 
     @property
     def instants(self) -> Float[np.ndarray, " k"]:
@@ -273,7 +208,7 @@ class RareEvent(Shown):
 
     def slopes_by(self, chosen: Sequence[str] | None = None) -> dict[str, Slope]:
         """``slopes`` by chosen parameters only, which compile sooner; raises as ``slope``."""
-        density, slopes, samples = self._densities(), {}, self.result.samples
+        density, slopes, samples = self._densities(), {}, self.samples
         near, parts = np.flatnonzero(density), np.zeros(len(samples))
         for path, slope in self.limit_state.sensitivities(samples.points[near], chosen).items():
             parts[near] = density[near] * slope
@@ -291,11 +226,12 @@ class RareEvent(Shown):
     @property
     def decay(self) -> Slope:
         """λ = −d ln P/db by the threshold b, with its standard error; raises as ``slopes``."""
-        return self.result.samples.slope(self._densities())
+        return self.samples.slope(self._densities())
 
     def _densities(self) -> Float[np.ndarray, " n"]:
         """Each sample's part of n times the density of values at the limit."""
-        weights, values, hit = self.weights, self.values, self.result.samples.parts
+        weights, values = self.samples.weights, self.samples.values
+        hit = self.samples.parts
         rule = "must have at least {} samples, of several values, that reach the limit state"
         refusal = InvalidInput("RareEvent.slope", "the event", "", rule.format(_FEWEST))
         if np.count_nonzero(hit) < _FEWEST:

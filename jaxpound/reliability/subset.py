@@ -13,7 +13,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from os import PathLike
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -31,13 +31,13 @@ from jaxpound._checks import (
 from jaxpound._errors import resumable
 from jaxpound.grid import TimeGrid
 from jaxpound.reliability import limit_state
+from jaxpound.reliability.design_points import DesignPoints
 from jaxpound.reliability.limit_state import BatchId, LimitState, require_dependence
 from jaxpound.reliability.result import (
     NO_ESTIMATE,
     RAREST,
     RareEvent,
     Samples,
-    SubsetResult,
     always,
     cov_of_mean,
 )
@@ -217,9 +217,11 @@ def simulated(
             parts.append((level.points[inside], level.values[inside], *shares_and_repeats))
     points, values, shares, repeat_of = map(np.concatenate, zip(*parts, strict=True))
     samples = Samples(points, shares * len(shares), values, repeats=repeat_of)
-    result = SubsetResult(samples, estimates, bound)
     warnings += _warnings(levels, cov, max_runs)
-    return RareEvent(state, result, runs.count, 0, method, tuple(warnings))
+    estimate = (float(estimates.mean()), spread) if bound is None else (bound, math.nan)
+    none = DesignPoints.none(state.dimension)
+    about: Any = {"runs": runs.count, "gradients": 0, "method": method}
+    return RareEvent(state, samples, *estimate, none, **about, warnings=tuple(warnings))
 
 
 def _estimate(by_repeat: Sequence[list[Level]]) -> tuple[np.ndarray, float]:

@@ -11,7 +11,8 @@ from scipy import stats
 
 import jaxpound as jp
 from jaxpound.plots import hazards
-from jaxpound.reliability.result import Samples, SubsetResult
+from jaxpound.reliability.design_points import DesignPoints
+from jaxpound.reliability.result import Samples, cov_of_mean
 from jaxpound.scenarios.distributions import Distribution
 from jaxpound.store.store import describe
 from tests.refusals import refusals, refused
@@ -109,7 +110,9 @@ def event(closing):
     p = (values >= 0).reshape(5, -1).mean(axis=1)
     sample, repeats = sample.reshape(-1, 1), np.repeat(np.arange(5), 2000)
     samples = Samples(sample, np.ones(values.size), values, repeats=repeats)
-    return jp.RareEvent(state, SubsetResult(samples, p), values.size, 0, "plain")
+    estimate = p.mean(), cov_of_mean(p)
+    none = DesignPoints.none(state.dimension)
+    return jp.RareEvent(state, samples, *estimate, none, values.size, 0, "plain")
 
 
 def test_a_rare_event_s_rate_and_its_intensities(event, found):
@@ -121,7 +124,7 @@ def test_a_rare_event_s_rate_and_its_intensities(event, found):
     assert STRONGER.annual_rate_of(event, drawn=True).value > rate.value
     doubted = dataclasses.replace(event, warnings=("one repeat makes most of the estimate",))
     assert "one repeat makes most" in repr(HAZARD.annual_rate_of(doubted))
-    amplitude = np.asarray(DRAWN.from_normal(event.result.samples.points[:, 0]))
+    amplitude = np.asarray(DRAWN.from_normal(event.samples.points[:, 0]))
     whole = rate.deaggregation([0.7, np.inf], intensity=amplitude)
     assert whole.rate[0] == pytest.approx(rate.value)
     assert whole.cov[0] == pytest.approx(rate.cov)  # by the spread of repeats, too

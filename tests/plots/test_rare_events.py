@@ -10,7 +10,7 @@ from scipy.special import ndtri
 import jaxpound as jp
 from jaxpound.plots import rare_events
 from jaxpound.reliability.design_points import DesignPoints
-from jaxpound.reliability.result import DesignPointResult, Samples
+from jaxpound.reliability.result import Samples
 from tests.plots.runs import legend
 from tests.refusals import refused
 from tests.reliability.test_rare_event import FEW, HILLS, SHORT
@@ -38,8 +38,8 @@ def event(gap, probability, state=STATE, instant=6.0):
     points = DesignPoints(along * beta, along, beta, *numbers)
     n = round(1 / probability)
     samples = Samples(np.zeros((n, 5)), np.ones(n), np.r_[1.0, -np.ones(n - 1)])
-    result = DesignPointResult(samples, points)
-    return jp.RareEvent(state, result, runs=1000, gradients=100, method="made up")
+    estimate = samples.probability, samples.cov
+    return jp.RareEvent(state, samples, *estimate, points, 1000, 100, method="made up")
 
 
 def test_a_design_earthquake_and_a_curve_of_probabilities(ax):

@@ -114,8 +114,7 @@ class Impacts(Analytic):
 
 def by_points(event, rows):
     """The event with some of its design points alone."""
-    result = replace(event.result, design_points=event.design_points.rows(rows))
-    return replace(event, result=result)
+    return replace(event, design_points=event.design_points.rows(rows))
 
 
 def is_right(event, probability):
@@ -162,7 +161,7 @@ def test_overlaps_lead_to_impacts():
             assert known.design_points.z.max(axis=1) == pytest.approx(state.beta, abs=0.03)
             assert {*known.design_points.z.argmax(axis=1)} == {*range(5)}
             # The runs on the ways to overlaps are counted.
-            assert known.runs > len(known.values) + 512
+            assert known.runs > len(known.samples.values) + 512
 
 
 @pytest.mark.parametrize("state", [Flat(), Regime()])

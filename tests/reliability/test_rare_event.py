@@ -13,7 +13,7 @@ import jaxpound as jp
 from jaxpound.reliability import limit_state
 from jaxpound.reliability.design_points import DesignPoints, find_design_points
 from jaxpound.reliability.importance import signs_of_missed_failures
-from jaxpound.reliability.result import DesignPointResult, Samples
+from jaxpound.reliability.result import Samples
 from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 from tests.reliability import case_w
@@ -121,11 +121,11 @@ def test_samples_depend_on_key_and_number_alone_and_all_runs_count(events):
         assert f"raise max_runs = {most:,}" in event.warnings[0]
     event = events[0.47]
     again = event_of(case_w.state(0.47), key=1, start=events[0.27], cov=0.2, progress=False)
-    n = len(again.values)
-    assert n < len(event.values)
-    points = again.result.samples.points, event.result.samples.points[:n]
+    n = len(again.samples.values)
+    assert n < len(event.samples.values)
+    points = again.samples.points, event.samples.points[:n]
     assert np.array_equal(*points)
-    assert np.array_equal(again.values, event.values[:n])
+    assert np.array_equal(again.samples.values, event.samples.values[:n])
 
 
 def test_a_stopped_search_goes_on(events, tmp_path, monkeypatch):
@@ -134,7 +134,7 @@ def test_a_stopped_search_goes_on(events, tmp_path, monkeypatch):
     options = {"key": 1, "start": events[0.27], "store": folder, "progress": False}
     stopped(monkeypatch, 2, lambda: event_of(state, **options), "values_and_times")
     after = event_of(state, **options)
-    assert np.array_equal(after.values, events[0.47].values)
+    assert np.array_equal(after.samples.values, events[0.47].samples.values)
     for name in ("probability", "gradients"):
         assert getattr(after, name) == getattr(events[0.47], name)
     with monkeypatch.context() as patch:
@@ -150,7 +150,7 @@ def test_design_earthquakes_close_the_gap(events):
     assert first.beta == pytest.approx(5.23, abs=0.02)
     # 0.645 at its instant, so at least that over the run.
     assert -0.003 < event.limit_state.values(first.z[None])[0] < 0.05
-    times, shares = event.result.samples.failures_by_instant
+    times, shares = event.samples.failures_by_instant
     assert shares.sum() == pytest.approx(1)
     assert abs(first.time - np.average(times, weights=shares)) < 1.5
     assert np.asarray(first.ground.samples) == pytest.approx(case_w.MATRIX @ first.z)
@@ -377,5 +377,5 @@ def test_a_period_of_structure_1_is_in_the_unit_of_the_instants():
     samples = Samples(np.zeros((20, 1)), *np.ones((2, 20)), times=np.repeat([1.0, 1.8], 10))
     point, first = np.ones((1, 1)), np.zeros(1, int)
     points = DesignPoints(point, point, np.ones(1), np.array([100]), first)
-    (sign,) = signs_of_missed_failures(state, DesignPointResult(samples, points, thin=0.0))
+    (sign,) = signs_of_missed_failures(state, samples, points, thin=0.0)
     assert sign.startswith("50% of the estimate comes from runs whose demand is largest at times")

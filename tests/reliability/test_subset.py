@@ -54,17 +54,18 @@ def test_a_half_normal_peak(scaled, four):
         assert np.isnan(event.form)
         again = assert_survives_pickling(event)
     np.testing.assert_array_equal(
-        again.limit_state.values(four.result.samples.points[:3]), four.values[:3]
+        again.limit_state.values(four.samples.points[:3]), four.samples.values[:3]
     )
 
 
 def test_the_weighted_points_are_a_sample_whose_tail_falls_as_a_normal_one(four):
-    assert len(four.result.samples.points) == len(four.values) == len(four.weights) == four.runs
-    assert four.weights.mean() == pytest.approx(1.0)
-    assert np.mean(four.weights * (four.values >= 0)) == pytest.approx(four.probability)
+    samples = four.samples
+    assert len(samples.points) == len(samples.values) == len(samples.weights) == four.runs
+    assert samples.weights.mean() == pytest.approx(1.0)
+    assert np.mean(samples.weights * (samples.values >= 0)) == pytest.approx(four.probability)
     unit = four.limit_state.level / 4.0
     for beta in (1.0, 2.0, 3.0):
-        likelier = np.mean(four.weights * (four.values >= (beta - 4.0) * unit))
+        likelier = np.mean(samples.weights * (samples.values >= (beta - 4.0) * unit))
         assert likelier == pytest.approx(2 * ndtr(-beta), rel=0.15)
     # −d ln P/db of a normal tail; its error is that of the repeats, whose samples are alike.
     exact = np.exp(-(4.0**2) / 2) / np.sqrt(2 * np.pi) / ndtr(-4.0) / unit
@@ -76,18 +77,18 @@ def test_the_weighted_points_are_a_sample_whose_tail_falls_as_a_normal_one(four)
 
 def resampled(event, **changes):
     """The event with other arrays of its samples."""
-    samples = dataclasses.replace(event.result.samples, **changes)
-    return dataclasses.replace(event, result=dataclasses.replace(event.result, samples=samples))
+    samples = dataclasses.replace(event.samples, **changes)
+    return dataclasses.replace(event, samples=samples)
 
 
 @pytest.mark.parametrize("index", [1.4, 2.0, 4.0])
 def test_slopes_of_a_tail_as_heavy_as_that_of_a_hazard_curve(four, index):
     """The exceedance of a demand y falls as y^(-index), as factors of a hazard curve make it."""
     unit = four.limit_state.level / 4.0
-    peaks = four.values / unit + 4.0
+    peaks = four.samples.values / unit + 4.0
     demands = (2 * ndtr(-peaks)) ** (-1 / index)
     threshold = float((2 * ndtr(-4.0)) ** (-1 / index))
-    demand_of = {z.tobytes(): y for z, y in zip(four.result.samples.points, demands, strict=True)}
+    demand_of = {z.tobytes(): y for z, y in zip(four.samples.points, demands, strict=True)}
 
     def sensitivities(points, chosen):
         return {"factor of the ground": np.array([demand_of[z.tobytes()] for z in points])}
@@ -246,7 +247,7 @@ def without_runs(monkeypatch, state, **options):
 
 def assert_same(found, expected):
     for name in ("points", "weights", "values", "repeats"):
-        arrays = (getattr(event.result.samples, name) for event in (found, expected))
+        arrays = (getattr(event.samples, name) for event in (found, expected))
         np.testing.assert_array_equal(*arrays)
     for name in ("probability", "cov", "runs", "method", "warnings"):
         assert getattr(found, name) == getattr(expected, name)
