@@ -29,9 +29,9 @@ class Parameter:
 
     Its lower bound is ``above`` (exclusive) or ``least`` (inclusive): 0, or the name of an earlier
     field of the object; its upper bound is ``most`` (inclusive) or ``below`` (exclusive); ``why``,
-    a reason, ends the error message. ``single`` refuses arrays; ``optional`` admits None, of which
-    nothing is asked. ``usual`` is its usual range, that of a slider, ``within`` its range in SI, of
-    buildings of every size (``ranges``).
+    a reason, ends the error message. ``single`` refuses arrays, and ``whole`` all but whole numbers
+    from 1 on; ``optional`` admits None, of which nothing is asked. ``usual`` is its usual range,
+    that of a slider, ``within`` its range in SI, of buildings of every size (``ranges``).
     """
 
     symbol: str = ""
@@ -44,6 +44,7 @@ class Parameter:
     finite: bool = True
     why: str = ""
     single: bool = False
+    whole: bool = False
     optional: bool = False
     usual: tuple[float, float] | None = None
     within: Range | None = None
@@ -86,7 +87,7 @@ class Parameter:
             return f"between {low:g} and {self.most:g}" if self.above is None else inside
         if self.below is not None:
             return f"{relation} {low:g} and below {self.below:g}"
-        words = ["finite"] if self.finite else []
+        words = ["finite"] if self.finite and not self.whole else []
         if isinstance(self.low, str):
             is_number = not is_traced(low) and jnp.ndim(low) == 0
             words.append(f"{relation} {self.low}" + (f" = {float(low):.8g}" if is_number else ""))
@@ -253,7 +254,7 @@ def check(obj: Any) -> None:
             value = _checks.as_tuple(owner, field.name, value)
             object.__setattr__(obj, field.name, value)
         if isinstance(spec, Parameter):
-            as_number = number if spec.single else real
+            as_number = _checks.count if spec.whole else number if spec.single else real
             numbers = tuple(as_number(owner, *entry) for entry in _entries(field, value))
             if each or numbers:
                 object.__setattr__(obj, field.name, numbers if each else numbers[0])

@@ -37,7 +37,7 @@ class Ensemble:
     >>> earthquakes = jp.Ensemble.drawn(jp.Scenarios(jp.paper.structures(), ground), 8)
     >>> earthquakes
     Ensemble(8 earthquakes)
-    >>> earthquakes + jp.Ensemble.of([jp.paper.ground()], jp.paper.grid())
+    >>> earthquakes.including([jp.paper.ground()], jp.paper.grid())
     Ensemble(9 earthquakes)
     """
 
@@ -130,25 +130,10 @@ class Ensemble:
 
         Its structures must be certain, since these ground motions have no values of parameters.
         """
-        self._require_certain()
+        for path in self.uncertain:
+            raise InvalidInput("Ensemble", path, "", "is uncertain; these have no value of it")
         both = Ensemble.of([*self, *grounds], grid)
         return dataclasses.replace(both, scenarios=self.scenarios, _more=self._more)
-
-    def __add__(self, other: Ensemble) -> Ensemble:
-        """Both ensembles together; neither may have uncertain structures."""
-        instance("Ensemble", "other", other, Ensemble)
-        self._require_certain()
-        other._require_certain()
-        kinds = {type(self.grounds), type(other.grounds)}
-        if not kinds <= {Ricker, Record}:
-            names = " and ".join(kind.__name__ for kind in kinds)
-            raise InvalidInput("Ensemble", names, "", "cannot be added; use Ensemble.of for all")
-        # The grid is not used: all are wavelets and records.
-        return Ensemble.of([*self, *other], TimeGrid(1.0, 2))
-
-    def _require_certain(self) -> None:
-        for path in self.uncertain:
-            raise InvalidInput("Ensemble", path, "", "is uncertain; such ensembles cannot be added")
 
     def __len__(self) -> int:
         return len(jax.tree.leaves(self.grounds)[0])

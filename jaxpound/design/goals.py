@@ -74,7 +74,7 @@ class SoftMinimum(Checked):
 
 
 @dataclasses.dataclass(frozen=True)
-class CVaR:
+class CVaR(Checked):
     """Conditional value at risk (Rockafellar and Uryasev 2000): mean of the worst share of gaps.
 
     Parameters
@@ -89,10 +89,7 @@ class CVaR:
     0.15
     """
 
-    share: float = 0.1
-
-    def __post_init__(self) -> None:
-        require_share("CVaR", "share", self.share)
+    share: float = parameter(above=0, below=1, single=True, default=0.1)
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
         """The mean of the smallest."""

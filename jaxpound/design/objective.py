@@ -10,14 +10,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import instance, not_negative, number, positive_number, require_share
+from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput
+from jaxpound._fields import Checked, parameter
 from jaxpound.design.goals import Goal, LeastDemand, MeanGap, gathered, require_over
 from jaxpound.results.named import REQUIRED_GAP, require_limited
 
 
 @dataclasses.dataclass(frozen=True)
-class Limit:
+class Limit(Checked):
     """An upper bound on a demand, or on the probability that it is reached.
 
     Parameters
@@ -43,22 +44,21 @@ class Limit:
     >>> objective = jp.Objective(jp.design.LeastDemand("damper_force"), limits=seldom)
     """
 
-    at_most: float | None = None
+    at_most: float | None = parameter(above=0, single=True, optional=True, default=None)
     over: str | float = "worst"
-    probability: float | None = None
+    probability: float | None = parameter(
+        above=0, below=1, single=True, optional=True, default=None
+    )
 
     def __post_init__(self) -> None:
-        if self.at_most is not None:
-            positive_number("Limit", at_most=self.at_most)
-        elif self.probability is None:
+        super().__post_init__()
+        require_over("Limit", self.over)
+        if self.at_most is None and self.probability is None:
             rule = "must be a number where there is no probability"
             raise InvalidInput("Limit", "at_most", "None", rule)
-        require_over("Limit", self.over)
-        if self.probability is not None:
-            require_share("Limit", "probability", number("Limit", "probability", self.probability))
-            if self.over != "worst":
-                rule = "must be left out with a probability, which is of a single earthquake"
-                raise InvalidInput("Limit", "over", repr(self.over), rule)
+        if self.probability is not None and self.over != "worst":
+            rule = "must be left out with a probability, which is of a single earthquake"
+            raise InvalidInput("Limit", "over", repr(self.over), rule)
 
     def event(self, demand: str) -> str:
         """The event whose probability is limited, in words."""
@@ -99,7 +99,7 @@ class Limit:
 
 
 @dataclasses.dataclass(frozen=True)
-class Penalty:
+class Penalty(Checked):
     """The weight of a demand in the objective.
 
     Parameters
@@ -110,11 +110,11 @@ class Penalty:
         See ``Limit``.
     """
 
-    weight: float
+    weight: float = parameter(least=0, single=True)
     over: str | float = "mean"
 
     def __post_init__(self) -> None:
-        not_negative("Penalty", weight=number("Penalty", "weight", self.weight))
+        super().__post_init__()
         require_over("Penalty", self.over)
 
 

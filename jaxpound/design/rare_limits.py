@@ -93,15 +93,11 @@ def limit_states(problem: DesignProblem) -> dict[str, LimitState]:
 class RareLimits:
     """Estimates of limited probabilities, at one design after another; kept beside ``save``."""
 
+    problem: DesignProblem
     descent: Descent
     states: Mapping[str, LimitState]
     made: int = 0
     last: dict[str, RareEvent] = dataclasses.field(default_factory=dict)
-
-    @property
-    def problem(self) -> DesignProblem:
-        """The design problem."""
-        return self.descent.lagrangian.problem
 
     def at(self, scaled: np.ndarray) -> RareEstimates:
         """Events at a design, with the slopes of their logarithms; an error if one is certain."""
@@ -140,7 +136,7 @@ def search_in_rounds(
 ) -> SearchResult:
     """The best design within limits on probabilities too; ``states`` are ``limit_states``."""
     data, save = descent.data, descent.save
-    rare = RareLimits(descent, states)
+    rare = RareLimits(descent.lagrangian.problem, descent, states)
     region = TrustRegion(rare.at(first))
     history: list[Any] = []
     polishing, best, file = 0, None, save

@@ -15,8 +15,9 @@ import jax
 import numpy as np
 from tqdm.auto import tqdm
 
-from jaxpound._checks import count, instance, positive_number, seed
+from jaxpound._checks import instance, seed
 from jaxpound._errors import InvalidInput
+from jaxpound._fields import Checked, parameter
 from jaxpound.design.lagrangian import AugmentedLagrangian, FirstOrderConditions, SearchState
 from jaxpound.design.problem import OWNER, Point, ProblemData, RareEstimates, best_start, better
 from jaxpound.design.space import spread_shares
@@ -52,7 +53,7 @@ class Progress(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class DesignSearch:
+class DesignSearch(Checked):
     """The way in which ``design_damper`` and ``pareto_front`` search: by gradients, from starts.
 
     Parameters
@@ -90,24 +91,20 @@ class DesignSearch:
     """
 
     start: Structures | Mapping[str, float] | None = None
-    starts: int = 4
-    iterations: int = 150
+    starts: int = parameter(whole=True, default=4)
+    iterations: int = parameter(whole=True, default=150)
     key: int = 0
     optimiser: GradientTransformation | None = None
-    batch: int | None = None
-    patience: int = 40
-    tolerance: float = 1e-4
-    limit_tolerance: float = 1e-3
+    batch: int | None = parameter(whole=True, optional=True, default=None)
+    patience: int = parameter(whole=True, default=40)
+    tolerance: float = parameter(above=0, single=True, default=1e-4)
+    limit_tolerance: float = parameter(above=0, single=True, default=1e-3)
     polish: bool = True
     callback: Callable[[Progress], Any] | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         owner = "DesignSearch"
-        for name in ("starts", "iterations", "patience"):
-            count(owner, name, getattr(self, name))
-        if self.batch is not None:
-            count(owner, "batch", self.batch)
-        positive_number(owner, tolerance=self.tolerance, limit_tolerance=self.limit_tolerance)
         seed(owner, "key", self.key)
         if self.optimiser is not None:
             import optax  # only here: it takes as long to import as all else
@@ -166,8 +163,7 @@ class Descent:
 
     def run(self, scaled: np.ndarray) -> tuple[Point, list[Iterate], str]:
         """From starts, shape (s, d): the best of each, all iterates, and why the search ended."""
-        problem = self.lagrangian.problem
-        whole = self.lagrangian.per_epoch == 1
+        problem, whole = self.lagrangian.problem, self.lagrangian.per_epoch == 1
         state, saved = self.lagrangian.begin(scaled), None
         history: list[Iterate] = []
         if self.save is not None:
@@ -277,7 +273,7 @@ class SavedSearch:
         with contextlib.suppress(OSError):
             sweep_parts(self.path.parent, self.path.name)
         best = no_design(state)
-        one = Iterate(best, best, state.alive)
+        iterate = Iterate(best, best, state.alive)
         try:
             with opened(self.path) as archive:
                 about, identity = archive.about, json.loads(json.dumps(self.identity))
@@ -289,7 +285,9 @@ class SavedSearch:
                 if rule:
                     raise InvalidInput(OWNER, "save", str(self.path), f"{rule}; {_ANEW}")
                 (n,) = archive.read("iterations", (1,), np.int64).tolist()
-                all_of = jax.tree.map(lambda x: jax.ShapeDtypeStruct((n, *x.shape), x.dtype), one)
+                all_of = jax.tree.map(
+                    lambda x: jax.ShapeDtypeStruct((n, *x.shape), x.dtype), iterate
+                )
                 stored = jax.tree.map_with_path(
                     lambda path, x: archive.read(_name(path), x.shape, x.dtype),
                     {"State": state, "Iterate": all_of},

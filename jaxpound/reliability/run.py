@@ -10,8 +10,9 @@ from types import NoneType
 import jax
 from tqdm.auto import tqdm
 
-from jaxpound._checks import count, hint, instance, require_share
+from jaxpound._checks import hint, instance, require_share
 from jaxpound._errors import InvalidInput, resumable
+from jaxpound._fields import Checked, parameter, part
 from jaxpound.grid import TimeGrid
 from jaxpound.reliability.importance import OWNER, DesignPointSearch
 from jaxpound.reliability.limit_state import LimitState, state_of
@@ -27,7 +28,7 @@ _MOST_AROUND = 50_000  # runs around design points, by default
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class EventSearch:
+class EventSearch(Checked):
     """The way in which ``rare_event`` finds a probability.
 
     Parameters
@@ -49,16 +50,14 @@ class EventSearch:
     """
 
     method: str = "auto"
-    start: RareEvent | None = None
-    max_runs: int | None = None
+    start: RareEvent | None = part(RareEvent, NoneType, default=None)
+    max_runs: int | None = parameter(whole=True, optional=True, default=None)
 
     def __post_init__(self) -> None:
-        owner, method = "EventSearch", self.method
-        if method not in _METHODS:
-            raise InvalidInput(owner, "", "", f"method = {method!r}; {hint(method, _METHODS)}")
-        instance(owner, "start", self.start, RareEvent, NoneType)
-        if self.max_runs is not None:
-            count(owner, "max_runs", self.max_runs)
+        super().__post_init__()
+        if self.method not in _METHODS:
+            rule = f"method = {self.method!r}; {hint(self.method, _METHODS)}"
+            raise InvalidInput("EventSearch", "", "", rule)
 
     def start_of(self, state: LimitState) -> RareEvent | None:
         """The event from whose design points the search of a limit state starts, if it has any."""

@@ -19,28 +19,14 @@ import jax
 import numpy as np
 from tqdm.auto import tqdm
 
-from jaxpound._checks import (
-    Rule,
-    count,
-    enforce,
-    instance,
-    positive,
-    require_memory,
-    require_share,
-)
+from jaxpound._checks import Rule, enforce, instance, positive, require_memory
 from jaxpound._errors import resumable
+from jaxpound._fields import Checked, parameter
 from jaxpound.grid import TimeGrid
 from jaxpound.reliability import limit_state
 from jaxpound.reliability.design_points import DesignPoints
 from jaxpound.reliability.limit_state import BatchId, LimitState, require_dependence
-from jaxpound.reliability.result import (
-    NO_ESTIMATE,
-    RAREST,
-    RareEvent,
-    Samples,
-    always,
-    cov_of_mean,
-)
+from jaxpound.reliability.result import NO_ESTIMATE, RAREST, RareEvent, Samples, always, cov_of_mean
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
 from jaxpound.scenarios.scenarios import ScenarioSet
@@ -59,7 +45,7 @@ _SURE = 0.05  # probability that a bound from samples is wrong
 
 
 @dataclasses.dataclass(frozen=True)
-class SubsetSearch:
+class SubsetSearch(Checked):
     """The samples of a subset simulation.
 
     Parameters
@@ -75,24 +61,16 @@ class SubsetSearch:
         Number of runs beyond which no repeats are added.
     """
 
-    n: int = 1000
-    p0: float = 0.1
-    repeats: int = 20
-    max_runs: int = 1_000_000
+    n: int = parameter(whole=True, default=1000)
+    p0: float = parameter(above=0, most=0.5, single=True, default=0.1)
+    repeats: int = parameter(whole=True, least=2, why="for the spread of the estimate", default=20)
+    max_runs: int = parameter(whole=True, default=1_000_000)
 
     def __post_init__(self) -> None:
-        owner, p0 = "SubsetSearch", self.p0
-        for name in ("n", "repeats", "max_runs"):
-            object.__setattr__(self, name, count(owner, name, getattr(self, name)))
-        require_share(owner, "p0", p0)
-        few = f"at least {_FEWEST_SEEDS} for chains to start from, {_FEWEST_SEEDS / p0:.0f} samples"
-        spread = "at least 2, for the spread of the estimate"
-        rules = [
-            Rule("p0", p0, p0 <= 0.5, "at most 0.5"),
-            Rule("p0 n", self.seeds, self.seeds >= _FEWEST_SEEDS, few),
-            Rule("repeats", self.repeats, self.repeats >= 2, spread),
-        ]
-        enforce(owner, rules)
+        super().__post_init__()
+        few = f"at least {_FEWEST_SEEDS} for chains to start from"
+        few += f", {_FEWEST_SEEDS / self.p0:.0f} samples"
+        enforce("SubsetSearch", [Rule("p0 n", self.seeds, self.seeds >= _FEWEST_SEEDS, few)])
 
     @property
     def seeds(self) -> int:

@@ -42,7 +42,7 @@ def test_given_earthquakes_are_what_they_were(grounds):
 def test_given_earthquakes_of_all_kinds_add_up_and_join_those_that_are_drawn():
     ensemble = Ensemble.of([np.sin, WAVES[0]], GRID)
     np.testing.assert_allclose(accelerations(ensemble)[0], np.sin(GRID.times()))
-    both = Ensemble.of(WAVES, GRID) + Ensemble.of(RECORDS, GRID)
+    both = Ensemble.of(WAVES, GRID).including(RECORDS, GRID)
     expected = np.stack([ground.acceleration(T) for ground in GIVEN["both"]])
     np.testing.assert_allclose(accelerations(both), expected, atol=1e-12)
     wave = jp.RandomRicker(2, jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8), jp.Uniform(1.0, 7.0))
@@ -80,8 +80,7 @@ def test_what_depends_on_a_draw_is_uncertain_even_where_it_seldom_varies():
 
 
 TWO, FULL = Ensemble.drawn(RANDOM, 2), r"n = 1,000,000,000,000 would take \d+ TB of memory"
-UNCERTAIN = "friction is uncertain; such ensembles cannot be added"
-OTHERS = "cannot be added; use Ensemble.of for all"
+UNCERTAIN = "friction is uncertain; these have no value of it"
 
 
 def beyond(sampling, most):
@@ -96,9 +95,7 @@ test_bad_ensembles_are_named = refusals(
     (lambda: Ensemble.drawn(RANDOM, 2, jax.random.key(3, impl="rbg")), "key of kind rbg"),
     (lambda: Ensemble.drawn(RANDOM, 2, "a"), "key = 'a' must be a whole number or a key of jax"),
     (lambda: Ensemble.drawn(RANDOM, 4, sampling="grid"), "must be one of plain, sobol"),
-    (lambda: TWO + Ensemble.of(WAVES, GRID), UNCERTAIN),
     (lambda: TWO.including(WAVES, GRID), UNCERTAIN),
-    (lambda: Ensemble.of([np.sin], GRID) + Ensemble.of(WAVES, GRID), OTHERS),
     (lambda: Ensemble.drawn(RANDOM, 10**12), FULL),
     (lambda: TWO.fresh(10**12), FULL),
     (lambda: beyond("plain", 2**31), "start . n = 2,147,483,649 must be at most 2,147,483,648"),

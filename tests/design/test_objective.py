@@ -101,7 +101,7 @@ NEGATIVE = "total_damper_force = -1 must be positive and fin"
 MEANT = r"unknown demand 'total_damper'.* mean 'total_damper_f"
 test_bad_objectives_are_named = refusals(
     (lambda: jp.design.SoftMinimum(0.0), "temperature = 0 must be positive"),
-    (lambda: jp.design.CVaR(1.0), "share = 1 must be between 0 and 1"),
+    (lambda: jp.design.CVaR(1.0), "share = 1 must be above 0 and below 1"),
     (lambda: jp.PoundingProbability(-0.1), "gap = -0.1 must be finite and not negative"),
     (lambda: jp.PoundingProbability(0.1, 0.0), "width = 0 must be positive"),
     (lambda: LeastDemand("peak_drft"), "LeastDemand: unknown demand 'peak_drft'; did you mea"),

@@ -211,9 +211,12 @@ test_arguments_that_break_a_rule = refusals(
 test_samples_that_break_a_rule = refusals(
     ({"n": 0}, "n = 0 must be a positive whole number"),
     ({"n": 50}, "p0 n = 5 must be at least 10"),
-    ({"p0": 0.7}, "p0 = 0.7 must be at most 0.5"),
-    ({"p0": 1.0}, "p0 = 1 must be between 0 and 1"),
-    ({"repeats": 1}, "repeats = 1 must be at least 2"),
+    ({"p0": 0.7}, r"p0 = 0.7 must be in \(0, 0.5\]"),
+    ({"p0": 0.0}, r"p0 = 0 must be in \(0, 0.5\]"),
+    (
+        {"repeats": 1},
+        r"repeats = 1 must be at least 2 \(for the spread of the estimate\)",
+    ),
     of=lambda wrong: SubsetSearch(**wrong),
     before="SubsetSearch: ",
 )
