@@ -87,13 +87,13 @@ class Comparison(Shown):
             before, after = (float(value(x, rows[0])) for x in (self.before, self.after))
             return np.array([[before], [after], [after - before]])
 
-        rows_of_all, ends = np.arange(len(self)), np.full((2, 3), np.nan)
+        indices, ends = np.arange(len(self)), np.full((2, 3), np.nan)
         if len(self) > 1:
             options: dict[str, Any] = {"method": "percentile", "batch": 1, "rng": 0}
-            resampled = stats.bootstrap((rows_of_all,), values, n_resamples=_RESAMPLES, **options)
+            resampled = stats.bootstrap((indices,), values, n_resamples=_RESAMPLES, **options)
             ends = resampled.confidence_interval
         names = ("before", "after", "difference")
-        rows = zip(names, values(rows_of_all[None])[:, 0], *ends, strict=True)
+        rows = zip(names, values(indices[None])[:, 0], *ends, strict=True)
         return {name: Estimate(*map(float, numbers)) for name, *numbers in rows}
 
     @property

@@ -88,7 +88,8 @@ def pareto_front(
         The limits; or their number: they are evenly spaced from the demand of the best design
         without this limit to the smallest among the iterates of that first search.
     search
-        How each limit's design is searched for. The first search begins at its start.
+        How the design of each limit is searched for, the first one from its ``start``; by default
+        by 3 starts and 100 iterations each.
     progress
         Whether to show a progress bar, of the iterations of all searches.
     """
