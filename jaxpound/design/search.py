@@ -273,7 +273,7 @@ class SavedSearch:
         with contextlib.suppress(OSError):
             sweep_parts(self.path.parent, self.path.name)
         best = no_design(state)
-        iterate = Iterate(best, best, state.alive)
+        row = Iterate(best, best, state.alive)
         try:
             with opened(self.path) as archive:
                 about, identity = archive.about, json.loads(json.dumps(self.identity))
@@ -285,9 +285,7 @@ class SavedSearch:
                 if rule:
                     raise InvalidInput(OWNER, "save", str(self.path), f"{rule}; {_ANEW}")
                 (n,) = archive.read("iterations", (1,), np.int64).tolist()
-                all_of = jax.tree.map(
-                    lambda x: jax.ShapeDtypeStruct((n, *x.shape), x.dtype), iterate
-                )
+                all_of = jax.tree.map(lambda x: jax.ShapeDtypeStruct((n, *x.shape), x.dtype), row)
                 stored = jax.tree.map_with_path(
                     lambda path, x: archive.read(_name(path), x.shape, x.dtype),
                     {"State": state, "Iterate": all_of},

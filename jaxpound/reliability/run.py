@@ -101,7 +101,7 @@ def rare_event(
     ----------
     scenarios, grid
         Structures and ground motion as functions of standard normal numbers, and the time grid of
-        ``simulate``. Or, alone, a ``LimitState``: it may have another scheme.
+        ``simulate``; or a ``LimitState`` alone, which may also have another scheme.
     gap
         The gap at rest ≥ 0 of all links, in g/ω1², or in m for ``Buildings``: the event is that any
         link closes by more. By default gaps are those of the structures.
