@@ -38,6 +38,7 @@ from .ground import pga as pga
 from .ground import read_record as read_record
 from .ground import read_suite as read_suite
 from .ground import spectral_acceleration as spectral_acceleration
+from .hazard import Analysis as Analysis
 from .hazard import HazardCurve as HazardCurve
 from .hazard import cloud_analysis as cloud_analysis
 from .hazard import incremental_dynamic_analysis as incremental_dynamic_analysis

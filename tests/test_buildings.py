@@ -209,7 +209,8 @@ def test_a_design_has_bounds_and_limits_in_newtons_and_metres():
 
 def test_runs_of_a_suite_are_those_of_the_dimensionless_form():
     records = [RECORD, jp.Record(1.5 * RECORD.samples[::-1], 0.02, "backwards")]
-    stripes = jp.multiple_stripes(POUNDING, records, GRID, intensities=[0.1, 0.3], progress=False)
+    analysis = jp.Analysis(POUNDING, records, GRID)
+    stripes = jp.multiple_stripes(analysis, [0.1, 0.3], progress=False)
     row, scales, grid = scaled(PAIR)
     for pga, closings in zip(stripes.intensities, stripes.demands, strict=True):
         for record, closing in zip(records, closings, strict=True):
