@@ -102,6 +102,7 @@ from .simulation import Smoothed as Smoothed
 from .simulation import demand as demand
 from .simulation import simulate as simulate
 from .simulation import stability_limit as stability_limit
+from .study import Storage as Storage
 from .study import Study as Study
 from .study import asce_7_gap as asce_7_gap
 from .study import cyclic_test as cyclic_test

@@ -34,8 +34,8 @@ from jaxpound.store.archive import DamagedError, digest, require_name
 from jaxpound.store.store import Store, describe, program_digest
 from jaxpound.study.demands import demands_of
 from jaxpound.study.statistics import Moments
+from jaxpound.study.storage import Storage
 
-Measure = Callable[[Any, Any], Any]  # a user-defined column, of structures and ground motion
 Columns = dict[str, np.ndarray]
 Outcome = tuple[dict[str, Moments], Columns]  # of a finished chunk; no columns with a store
 
@@ -68,28 +68,27 @@ class Task:
     key: tuple[str, tuple[int, ...]]  # kind and numbers
     sampling: str
     n: int
+    storage: Storage
     chunk_size: int
-    measures: dict[str, Measure]
-    keep_parameters: bool
-    keep_failures: bool
     x64: bool
     names: tuple[str, ...] = ()  # of the columns
-    folder: Path | None = None
+    folder: Path | None = None  # the storage's, in which workers find it
     requested: int = 0  # samples of the store
     fingerprint: str = ""  # of the program, independent of the points
 
     def identity(self) -> dict[str, Any]:
         """Everything that determines the study's numbers, as JSON; not the number of samples."""
-        kind, numbers = self.key
+        (kind, numbers), storage = self.key, self.storage
         partitionable = bool(jax.config.jax_threefry_partitionable)  # type: ignore[attr-defined]
         versions = {"jaxpound": __version__, "jax": jax.__version__, "scipy": scipy.__version__}
 
         def drawn(z: jax.Array) -> Any:  # its program identifies the functions
             structures, ground = self.scenarios.realize(z)
-            measured = {name: f(structures, ground) for name, f in self.measures.items()}
-            kept = sets.parameters(self.scenarios, z) if self.keep_parameters else {}
+            measured = {name: f(structures, ground) for name, f in storage.measures.items()}
+            kept = sets.parameters(self.scenarios, z) if storage.keep_parameters else {}
             return structures, as_run(ground, self.grid, gravity_of(structures)), measured, kept
 
+        kept_names = sets.parameter_names(self.scenarios) if storage.keep_parameters else ()
         return {
             "versions": versions,
             "precision": "float64" if self.x64 else "float32",
@@ -97,11 +96,11 @@ class Task:
             "sampling": self.sampling,
             "chunk_size": self.chunk_size,
             "columns": list(sets.keys_in_order(self.run, self.z_type())),
-            "parameters": [*sets.parameter_names(self.scenarios)] if self.keep_parameters else [],
+            "parameters": list(kept_names),
             "grid": describe(self.grid),
             "scheme": describe(self.scheme),
             "scenarios": describe(self.scenarios),
-            "measures": describe(self.measures),
+            "measures": describe(storage.measures),
             "program": program_digest(drawn, self.z_type()),
         }
 
@@ -111,6 +110,19 @@ class Task:
         fingerprint = digest(json.dumps(program).encode())
         return dataclasses.replace(self, names=tuple(identity["columns"]), fingerprint=fingerprint)
 
+    def into(self, store: Store) -> Task:
+        """The task whose workers, in any folder, write to a store."""
+        folder, requested = store.folder.resolve(), store.requested()
+        return dataclasses.replace(self, folder=folder, requested=requested)
+
+    def chunks(self) -> range:
+        """Numbers of the chunks of the storage's shard."""
+        (first, shards), chunks = self.storage.shard, range(-(-self.n // self.chunk_size))
+        if first > len(chunks):
+            rule = f"must leave a chunk for each shard: the study has {len(chunks)}"
+            raise InvalidInput("monte_carlo", "shard", repr(self.storage.shard), rule)
+        return chunks[first - 1 :: shards]
+
     def z_type(self) -> jax.ShapeDtypeStruct:
         """Shape and type of z."""
         return jax.ShapeDtypeStruct((self.scenarios.dimension,), jnp.zeros((), float).dtype)
@@ -119,8 +131,8 @@ class Task:
         """The columns of one scenario."""
         structures, ground = self.scenarios.realize(z)
         columns = demands_of(structures, ground, self.grid, self.scheme)
-        more = {name: f(structures, ground) for name, f in self.measures.items()}
-        if self.keep_parameters:
+        more = {name: f(structures, ground) for name, f in self.storage.measures.items()}
+        if self.storage.keep_parameters:
             more |= sets.parameters(self.scenarios, z)
         owner = "monte_carlo"
         for name, x in more.items():
@@ -179,7 +191,7 @@ class Task:
     def _refuse_failures(self, columns: Columns, z: np.ndarray, rows: range) -> None:
         valid = {name: is_valid(Demand, name, x) for name, x in columns.items()}
         in_all = np.all([*valid.values()], axis=0)
-        if in_all.all() or self.keep_failures:
+        if in_all.all() or self.storage.keep_failures:
             return
         first = int(np.argmin(in_all))
         point = jnp.asarray(z[first])

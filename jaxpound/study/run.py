@@ -6,16 +6,11 @@ process that runs it.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
-import json
-import math
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from functools import partial
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -34,15 +29,15 @@ from jaxpound.results.named import PAIR
 from jaxpound.scenarios.sampling import key_numbers, require_sampling
 from jaxpound.scenarios.scenarios import ScenarioSet, structures_of
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.store.store import MANIFEST, Store, describe
-from jaxpound.study.chunk import Columns, Measure, Outcome, Task, cached, finished, total
+from jaxpound.store.store import Store, describe
+from jaxpound.study.chunk import Columns, Outcome, Task, cached, finished, total
 from jaxpound.study.columns import in_rows
 from jaxpound.study.demands import doubts, unreached
 from jaxpound.study.statistics import Moments
+from jaxpound.study.storage import Storage
 from jaxpound.study.study import Study
 from jaxpound.units import result_units
 
-_SMALLEST, _LARGEST, _CHUNKS = 32, 16_384, 8  # samples of a chunk, and chunks at least
 _MOMENTS_BYTES = 250  # of a column of a chunk
 
 
@@ -55,14 +50,8 @@ def monte_carlo(
     key: int | jax.Array = 0,
     *,
     sampling: str = "plain",
-    store: str | PathLike[str] | None = None,
-    chunk_size: int | None = None,
-    measures: Mapping[str, Measure] | None = None,
-    keep_parameters: bool = False,
-    keep_failures: bool = False,
-    notes: Any = None,
+    store: str | PathLike[str] | Storage | None = None,
     executor: Executor | None = None,
-    shard: tuple[int, int] = (1, 1),
     progress: bool = True,
     strict: bool = False,
 ) -> Study:
@@ -87,28 +76,13 @@ def monte_carlo(
     sampling
         "plain" for independent samples, "sobol" for scrambled Sobol points (n best a power of 2).
     store
-        A folder, made if needed, with one file per chunk. Without it the columns stay in memory.
-    chunk_size
-        Samples per chunk. By default that of an existing store; else the largest power of 2 that
-        makes eight chunks, from 32 to 16,384.
-    measures
-        Further columns by name: traceable functions of (structures, ground) to one number. A name
-        has 1 to 200 printable characters without a slash. A callable dataclass may state what its
-        column is, for ``Study.measure``, in a field ``measure``, such as ``"Sa(0.9 s) (g)"``.
-    keep_parameters
-        Whether the scenarios' parameters are columns too; ``Study.parameters`` can recompute them.
-    keep_failures
-        Whether failed runs are kept as NaN and left out of all statistics; else they raise.
-    notes
-        Anything that JSON can hold; the study keeps it in ``about``.
+        A folder for the columns, or a ``Storage``, which also says what is kept. Without a folder
+        they stay in memory.
     executor
         An executor of ``concurrent.futures`` that runs the chunks, such as Dask's
         ``Client.get_executor()``. By default this process runs them in order, each spread over all
         devices. Workers must see the store's folder; processes must be started by "spawn", since
         forked ones inherit JAX's locks but not its threads, and never return.
-    shard
-        (i, k), i from 1 to k: run only every k-th chunk from the i-th, so that k independent
-        processes fill one store. The study is that of these chunks.
     progress
         Whether to show a progress bar.
 
@@ -137,42 +111,27 @@ def monte_carlo(
     >>> print(study.pounding_probability(gap=0.03))
     0.1406 (95%: 0.06637 to 0.2502)
     """
-    # Longer than other functions: the parts of a study, in their order, share a dozen values.
     owner = "monte_carlo"
-    _check(scenarios, n, scheme, sampling, measures or {})
+    storage = Storage.of(store)
+    _check(scenarios, n, scheme, sampling)
     findings = doubts(owner, scenarios, grid)
-    units = result_units(structures_of(scenarios))
-    if chunk_size is None and store is not None and os.path.lexists(Path(store) / MANIFEST):
-        chunk_size = Store(store).chunk_size
-    elif chunk_size is None:
-        chunk_size = min(max(_SMALLEST, 2 ** int(math.log2(n / _CHUNKS))), _LARGEST)
-    size = count(owner, "chunk_size", chunk_size)
     task = Task(
-        *(scenarios, grid, scheme, key_numbers(owner, key), sampling, int(n), size),
-        measures=dict(measures or {}),
-        keep_parameters=bool(keep_parameters),
-        keep_failures=bool(keep_failures),
+        *(scenarios, grid, scheme, key_numbers(owner, key), sampling, int(n)),
+        *(storage, storage.sized(n)),
         x64=bool(jax.config.jax_enable_x64),  # type: ignore[attr-defined]
     )
-    chunks = _chunks_of_shard(shard, task, in_memory=store is None)
+    chunks = task.chunks()
+    units = result_units(structures_of(scenarios))
     identity = task.identity() | {"scales": describe(units)}
     task = task.identified(identity)
-    # Points and columns of a chunk, all columns, and the moments of columns of all chunks.
-    n_columns, number = len(task.names), task.z_type().dtype.itemsize
-    rows, in_row = min(task.n, size), scenarios.dimension + n_columns
-    require_memory(owner, "samples of a chunk", rows, rows * in_row * number)
-    if store is None:
-        require_memory(owner, "n (without a store)", task.n, task.n * n_columns * number)
-    require_memory(owner, "number of chunks", len(chunks), len(chunks) * n_columns * _MOMENTS_BYTES)
-    context = _context(task, notes)
-
+    _require_memory(task, len(chunks))
+    context = _context(task)
     warn(owner, findings + of_many(task.first_grounds(), grid, in_g=True), strict)
     moments: dict[int, dict[str, Moments]] = {}
-    stored = None if store is None else Store.create(store, identity, task.n, context)
-    if stored is not None:
-        folder, requested = stored.folder.resolve(), stored.requested()
-        task = dataclasses.replace(task, folder=folder, requested=requested)
-        moments = dict(finished(Store(folder, task.n), chunks))
+    stored = None
+    if storage.folder is not None:
+        stored = Store.create(storage.folder, identity, task.n, context)
+        task, moments = task.into(stored), dict(finished(stored, chunks))
     columns: dict[int, Columns] = {}  # empty ones with a store
     sizes = {chunk: len(task.rows(chunk)) for chunk in chunks}
     missing = [chunk for chunk in chunks if chunk not in moments]
@@ -200,42 +159,29 @@ def _parts_in_memory(columns: Sequence[Columns], *names: str) -> list[np.ndarray
     return [in_rows(of_chunk, *names) for of_chunk in columns]
 
 
-def _check(scenarios: Any, n: Any, scheme: Any, sampling: Any, measures: Any) -> None:
+def _check(scenarios: Any, n: Any, scheme: Any, sampling: Any) -> None:
     owner = "monte_carlo"
     instance(owner, "scenarios", scenarios, ScenarioSet)
     count(owner, "scenarios.dimension", scenarios.dimension)
     instance(owner, "scheme", scheme, Scheme)
-    instance(owner, "measures", measures, Mapping)
     most = require_sampling(owner, sampling)
     if count(owner, "n", n) > most:
         raise InvalidInput(owner, "n", str(n), f"must be at most {most:,} for {sampling} sampling")
-    for name, measure in measures.items():
-        if not callable(measure):
-            raise InvalidInput(owner, f"measures[{name!r}]", repr(measure), "must be a function")
 
 
-def _chunks_of_shard(shard: Any, task: Task, in_memory: bool) -> range:
-    """Numbers of the chunks that this process runs."""
-    rule, chunks = "", range(-(-task.n // task.chunk_size))
-    pair = isinstance(shard, tuple) and len(shard) == 2 and all(isinstance(x, int) for x in shard)
-    if not (pair and 1 <= shard[0] <= shard[1]):
-        rule = "must be (i, k) with 1 ≤ i ≤ k"
-    elif in_memory and shard != (1, 1):
-        rule = "must come with a store to fill"
-    elif shard[0] > len(chunks):
-        rule = f"must leave a chunk for each shard: the study has {len(chunks)}"
-    if rule:
-        raise InvalidInput("monte_carlo", "shard", repr(shard), rule)
-    return chunks[shard[0] - 1 :: shard[1]]
+def _require_memory(task: Task, chunks: int) -> None:
+    """For points and columns of a chunk, all columns, and moments of columns of all chunks."""
+    owner, storage, n = "monte_carlo", task.storage, len(task.names)
+    rows, number = len(task.rows(0)), task.z_type().dtype.itemsize
+    in_row = (task.scenarios.dimension + n) * number
+    require_memory(owner, "samples of a chunk", rows, rows * in_row)
+    if storage.folder is None:
+        require_memory(owner, "n (without a store)", task.n, task.n * n * number)
+    require_memory(owner, "number of chunks", chunks, chunks * n * _MOMENTS_BYTES)
 
 
-def _context(task: Task, notes: Any) -> dict[str, Any]:
+def _context(task: Task) -> dict[str, Any]:
     """Notes and, at z = 0, the topology and (of a pair) period and damping ratio of each block."""
-    owner = "monte_carlo"
-    try:
-        json.dumps(notes, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise InvalidInput(owner, "notes", "", f"must be what JSON can hold ({error})") from error
     scenarios, key, topologies = task.scenarios, task.fingerprint, list[Topology]()
 
     @jax.jit
@@ -256,8 +202,8 @@ def _context(task: Task, notes: Any) -> dict[str, Any]:
     if not np.isfinite(oscillators).all():
         values = ", ".join(f"{x:.4g}" for x in oscillators)
         rule = f"must be valid, but periods and damping ratios of its structures are {values}"
-        raise InvalidInput(owner, "the scenario of z = 0", "", rule)
-    return {"notes": notes, "oscillators": oscillators or None, "topology": topology}
+        raise InvalidInput("monte_carlo", "the scenario of z = 0", "", rule)
+    return {"notes": task.storage.notes, "oscillators": oscillators or None, "topology": topology}
 
 
 def _run(

@@ -14,6 +14,7 @@ from jaxpound.study import sensitivity
 from jaxpound.study.chunk import Task
 from jaxpound.study.statistics import quantile
 from tests.refusals import refused
+from tests.storing import studied
 
 TOUCHING = dataclasses.replace(
     jp.paper.structures(), friction=0.02, initial_gap=0.03, contact=jp.Newton(0.65)
@@ -26,8 +27,7 @@ SCENARIOS = jp.Scenarios(jp.UncertainStructures(TOUCHING, RESTITUTION), WAVES)
 
 @pytest.fixture(scope="module")
 def study():
-    how = {"chunk_size": 32, "keep_parameters": True, "progress": False}
-    return jp.monte_carlo(SCENARIOS, 64, GRID, **how)
+    return studied(SCENARIOS, 64, GRID, chunk_size=32, keep_parameters=True)
 
 
 def test_times_and_numbers_of_impacts_are_told_of_scenarios_with_one(study):
