@@ -143,7 +143,7 @@ def fragility(
     """
     single = isinstance(curve, Fragility)
     if intensity is None:
-        intensity = str(getattr(curve, "measured", "")) or "im"
+        intensity = getattr(curve, "measure", "") or "im"
     if isinstance(curve, Fragility):
         axis_unit = re.search(r" \(([^()]+)\)$", intensity)
         median = f"{curve.median:.3g}{f' {axis_unit[1]}' if axis_unit else ''}"

@@ -73,7 +73,6 @@ class Task:
     x64: bool
     names: tuple[str, ...] = ()  # of the columns
     folder: Path | None = None  # the storage's, in which workers find it
-    requested: int = 0  # samples of the store
     fingerprint: str = ""  # of the program, independent of the points
 
     def identity(self) -> dict[str, Any]:
@@ -110,11 +109,6 @@ class Task:
         fingerprint = digest(json.dumps(program).encode())
         return dataclasses.replace(self, names=tuple(identity["columns"]), fingerprint=fingerprint)
 
-    def into(self, store: Store) -> Task:
-        """The task whose workers, in any folder, write to a store."""
-        folder, requested = store.folder.resolve(), store.requested()
-        return dataclasses.replace(self, folder=folder, requested=requested)
-
     def chunks(self) -> range:
         """Numbers of the chunks of the storage's shard."""
         (first, shards), chunks = self.storage.shard, range(-(-self.n // self.chunk_size))
@@ -143,22 +137,20 @@ class Task:
                 raise InvalidInput(owner, repr(name), "", f"of shape {shape} must be one number")
         return {name: jnp.asarray(x, z.dtype) for name, x in (columns | more).items()}
 
-    def rows(self, chunk: int, full: bool = False) -> range:
-        """Indices of a chunk's samples; ``full`` counts all that the store requests."""
-        n = max(self.n, self.requested) if full else self.n
-        return range(chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, n))
+    def rows(self, chunk: int) -> range:
+        """Indices of a chunk's samples."""
+        return range(chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, self.n))
 
-    def points(self, chunks: Sequence[int], full: bool = False) -> np.ndarray:
-        """Points of the samples of these chunks, shape (n, d)."""
+    def points(self, rows: Sequence[range]) -> np.ndarray:
+        """Points of samples by their indices, shape (n, d)."""
         draw = _draw(self.sampling, self.key, self.scenarios.dimension)
-        rows = [self.rows(chunk, full) for chunk in chunks]
         return np.concatenate([draw(part.start, part.stop) for part in rows])
 
     def first_grounds(self) -> Ground:
         """Ground motions of the first scenarios, to be checked before the runs."""
         program = partial(sets.grounds_at, self.scenarios, self.grid)
-        draw = _draw(self.sampling, self.key, self.scenarios.dimension)
-        return cached("grounds", self.fingerprint, program)(draw(0, first_of(self.n, self.grid)))
+        z = self.points([range(first_of(self.n, self.grid))])
+        return cached("grounds", self.fingerprint, program)(z)
 
     def finish(self, chunk: int) -> Outcome:
         """Run a chunk and store it; only read a chunk that a lost worker has stored already."""
@@ -169,12 +161,12 @@ class Task:
         return self.keep(chunk, self.compute(chunk))
 
     def compute(self, chunk: int) -> Columns:
-        """The columns of a chunk."""
-        rows = self.rows(chunk, full=True)
+        """The columns of a chunk, of all its samples that processes with this store request."""
+        rows = (self if self.folder is None else Store(self.folder)).rows(chunk)
         with jax.enable_x64(self.x64):
             size = even_share(self.chunk_size, runs_at_a_time())
             program = cached("runs", self.fingerprint, lambda: in_chunks(self.run, size))
-            z = self.points([chunk], full=True)
+            z = self.points([rows])
             # All batches have the same size: one program, and the same rounding.
             results = program(np.concatenate([z, np.repeat(z[-1:], -len(rows) % size, 0)]))
             columns = {name: results[name][: len(rows)] for name in self.names}

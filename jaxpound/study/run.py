@@ -6,6 +6,7 @@ process that runs it.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
@@ -24,10 +25,9 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import of_many
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import is_closable
-from jaxpound.model.topology import Topology
 from jaxpound.results.named import PAIR
 from jaxpound.scenarios.sampling import key_numbers, require_sampling
-from jaxpound.scenarios.scenarios import ScenarioSet, structures_of
+from jaxpound.scenarios.scenarios import ScenarioSet, structures_of, topology_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.store.store import Store, describe
 from jaxpound.study.chunk import Columns, Outcome, Task, cached, finished, total
@@ -131,11 +131,12 @@ def monte_carlo(
     stored = None
     if storage.folder is not None:
         stored = Store.create(storage.folder, identity, task.n, context)
-        task, moments = task.into(stored), dict(finished(stored, chunks))
+        task = dataclasses.replace(task, folder=stored.folder.resolve())
+        moments = dict(finished(stored, chunks))
     columns: dict[int, Columns] = {}  # empty ones with a store
-    sizes = {chunk: len(task.rows(chunk)) for chunk in chunks}
+    rows = {chunk: task.rows(chunk) for chunk in chunks}
     missing = [chunk for chunk in chunks if chunk not in moments]
-    done, whole = sum(sizes[chunk] for chunk in moments), sum(sizes.values())
+    done, whole = (sum(len(rows[chunk]) for chunk in part) for part in (moments, chunks))
     scale: dict[str, Any] = {"unit": " runs", "unit_scale": True}
     with tqdm(total=whole, initial=done, disable=not progress, **scale) as bar:
         for i, (chunk, outcome) in enumerate(_run(task, missing, executor)):
@@ -143,9 +144,10 @@ def monte_carlo(
             if i == 0:  # warn before the other chunks are run
                 ends = {x: (m.smallest, m.largest) for x, m in moments[chunk].items()}
                 warn(owner, unreached(context["topology"], ends, si=units is not None), strict)
-            bar.update(sizes[chunk])
+            bar.update(len(rows[chunk]))
 
-    moments, points = {chunk: moments[chunk] for chunk in chunks}, partial(task.points, chunks)
+    moments = {chunk: moments[chunk] for chunk in chunks}
+    points = partial(task.points, [*rows.values()])
     sources: dict[str, Any] = {"scenarios": scenarios, "points": points, "scales": units}
     if stored is not None:
         stored.sweep()
@@ -182,28 +184,27 @@ def _require_memory(task: Task, chunks: int) -> None:
 
 def _context(task: Task) -> dict[str, Any]:
     """Notes and, at z = 0, the topology and (of a pair) period and damping ratio of each block."""
-    scenarios, key, topologies = task.scenarios, task.fingerprint, list[Topology]()
+    scenarios, z = task.scenarios, jnp.zeros(task.scenarios.dimension)
 
     @jax.jit
-    def median(z: jax.Array) -> list[jax.Array]:
-        system = scenarios.realize(z)[0].system()
-        topologies.append(system.topology)
-        if system.topology != PAIR or not is_closable(system.links[0].gap):
+    def oscillators(z: jax.Array) -> list[jax.Array]:
+        median = scenarios.realize(z)[0].system()
+        if median.topology != PAIR or not is_closable(median.links[0].gap):
             return []
-        oscillators = []
-        for rod, mass in zip(system.rods, system.masses, strict=True):
+        periods_and_ratios = []
+        for rod, mass in zip(median.rods, median.masses, strict=True):
             elastic, stiffness = before_yield(rod.material), rod.stiffness
-            period = 2 * jnp.pi / elastic.natural_frequency(stiffness, mass)
-            oscillators += [period, elastic.damping_ratio(stiffness, mass)]
-        return oscillators
+            periods_and_ratios += [2 * jnp.pi / elastic.natural_frequency(stiffness, mass)]
+            periods_and_ratios += [elastic.damping_ratio(stiffness, mass)]
+        return periods_and_ratios
 
-    z = jnp.zeros(scenarios.dimension)
-    *oscillators, topology = cached("median", key, lambda: (*map(float, median(z)), topologies[0]))
-    if not np.isfinite(oscillators).all():
-        values = ", ".join(f"{x:.4g}" for x in oscillators)
+    numbers = cached("median", task.fingerprint, lambda: [*map(float, oscillators(z))])
+    if not np.isfinite(numbers).all():
+        values = ", ".join(f"{x:.4g}" for x in numbers)
         rule = f"must be valid, but periods and damping ratios of its structures are {values}"
         raise InvalidInput("monte_carlo", "the scenario of z = 0", "", rule)
-    return {"notes": task.storage.notes, "oscillators": oscillators or None, "topology": topology}
+    about = {"notes": task.storage.notes, "oscillators": numbers or None}
+    return about | {"topology": topology_of(scenarios)}
 
 
 def _run(

@@ -18,7 +18,13 @@ from jaxpound.model.system import in_si
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import in_words
 from jaxpound.scenarios.sampling import points
-from jaxpound.scenarios.scenarios import ScenarioSet, grounds_at, parameter_names, structures_of
+from jaxpound.scenarios.scenarios import (
+    ScenarioSet,
+    grounds_at,
+    parameter_names,
+    structures_of,
+    topology_of,
+)
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.demands import demands_of, doubts
 from jaxpound.study.statistics import Estimate
@@ -130,6 +136,4 @@ def sobol_sensitivity(
         {name: Estimate(*map(float, x)) for name, x in zip(names, of_order, strict=True)}
         for of_order in np.stack(values, axis=-1)
     )
-    z = np.zeros(scenarios.dimension)
-    system = jax.eval_shape(lambda z: scenarios.realize(z)[0].system(), z)
-    return Sensitivity(demand, demands.size, first, total, system.topology)
+    return Sensitivity(demand, demands.size, first, total, topology_of(scenarios))
