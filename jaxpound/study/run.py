@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm.auto import tqdm
 
-from jaxpound._checks import count, instance, require_memory
+from jaxpound._checks import count, require_memory
 from jaxpound._errors import InvalidInput, resumable, warn
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import of_many
@@ -113,8 +113,9 @@ def monte_carlo(
     """
     owner = "monte_carlo"
     storage = Storage.of(store)
-    _check(scenarios, n, scheme, sampling)
-    findings = doubts(owner, scenarios, grid)
+    findings = doubts(owner, scenarios, grid, scheme)
+    if count(owner, "n", n) > (most := require_sampling(owner, sampling)):
+        raise InvalidInput(owner, "n", str(n), f"must be at most {most:,} for {sampling} sampling")
     task = Task(
         *(scenarios, grid, scheme, key_numbers(owner, key), sampling, int(n)),
         *(storage, storage.sized(n)),
@@ -159,16 +160,6 @@ def monte_carlo(
 
 def _parts_in_memory(columns: Sequence[Columns], *names: str) -> list[np.ndarray]:
     return [in_rows(of_chunk, *names) for of_chunk in columns]
-
-
-def _check(scenarios: Any, n: Any, scheme: Any, sampling: Any) -> None:
-    owner = "monte_carlo"
-    instance(owner, "scenarios", scenarios, ScenarioSet)
-    count(owner, "scenarios.dimension", scenarios.dimension)
-    instance(owner, "scheme", scheme, Scheme)
-    most = require_sampling(owner, sampling)
-    if count(owner, "n", n) > most:
-        raise InvalidInput(owner, "n", str(n), f"must be at most {most:,} for {sampling} sampling")
 
 
 def _require_memory(task: Task, chunks: int) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxpound._checks import Rule, count, enforce, instance, require_share, seed
+from jaxpound._checks import Rule, count, enforce, require_share, seed
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._tables import Shown, TextTable
 from jaxpound._xla.batches import in_chunks
@@ -84,8 +84,7 @@ def sobol_sensitivity(
         Confidence level of the bootstrap intervals.
     """
     owner = "sobol_sensitivity"
-    findings = doubts(owner, scenarios, grid)
-    instance(owner, "scheme", scheme, Scheme)
+    findings = doubts(owner, scenarios, grid, scheme)
     n, key = count(owner, "n", n), seed(owner, "key", key)
     enforce(owner, [Rule("n", n, n >= 2 and n & (n - 1) == 0, "a power of 2, at least 2")])
     require_share(owner, "confidence", confidence)
