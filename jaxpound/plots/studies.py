@@ -79,7 +79,7 @@ def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) 
     sizes = np.unique(np.geomspace(min(10, pounding.size), pounding.size, _POINTS).astype(int))
     weights = _weights(study, "pga")
     hits = [Hits.of(pounding[:n], weights[:n]) for n in sizes]
-    value, low, high = np.array([study._estimate(x)[:3] for x in hits]).T
+    value, low, high = np.array([x.estimate(study.normalised)[:3] for x in hits]).T
     ax.fill_between(sizes, low, high, label="95 % interval", **shade("damper"))
     ax.plot(sizes, value, color=COLOURS["damper"], label="estimate")
     ax.set_xscale("log")
@@ -101,7 +101,8 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     more = np.unique(np.geomspace(1, n, _POINTS).astype(int))  # counts of exceedance
     gaps = ranked[n - more]
     weights = _weights(study, "required_gap")[order]
-    estimates = np.array([study._estimate(Hits.of(ranked >= x, weights))[:3] for x in gaps])
+    hits = [Hits.of(ranked >= gap, weights) for gap in gaps]
+    estimates = np.array([x.estimate(study.normalised)[:3] for x in hits])
     ax.plot(gaps, estimates[:, 0], color=COLOURS["damper"], label="estimate")
     ax.fill_between(gaps, *estimates[:, 1:].T, label="95 % interval", **shade("damper"))
     ax.set_yscale("log")
