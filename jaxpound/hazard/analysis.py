@@ -47,6 +47,11 @@ class Analysis:
     reaches the threshold, ``multiple_stripes`` to chosen intensities; ``cloud_analysis`` takes them
     as they are.
 
+    Raises ``ValueError`` if an argument breaks its rule; if records are not in s, or together need
+    too many steps. Warns (``PlausibilityWarning``) if the grid does not resolve a record, or if
+    contact is run in single precision; when the records are run, if one, scaled, has a PGA above
+    5 g.
+
     Parameters
     ----------
     structures
@@ -69,17 +74,6 @@ class Analysis:
         overlap, the largest −ξ of any link, and the threshold 0.
     scheme, strict
         See ``simulate``; ``strict`` also refuses scaled records that are implausible.
-
-    Raises
-    ------
-    ValueError
-        If an argument breaks its rule; if records are not in s, or together need too many steps.
-
-    Warns
-    -----
-    PlausibilityWarning
-        If the grid does not resolve a record; if contact is run in single precision. When the
-        records are run: if one, scaled, has a PGA above 5 g.
     """
 
     structures: Buildings

@@ -18,7 +18,6 @@ from jaxpound.results.named import kind_and_symbol
 from jaxpound.study.fragility import ANY_LINK, Fragility
 from jaxpound.study.gaps import RULES
 from jaxpound.study.sensitivity import Sensitivity
-from jaxpound.study.statistics import probability
 from jaxpound.study.study import Study
 from jaxpound.study.weighting import Hits
 
@@ -272,7 +271,8 @@ def _shares(curve: Fragility) -> tuple[np.ndarray, np.ndarray]:
     """Intensities of the data, a cloud in twelve groups, and the shares of pounding at each."""
     im, k, n = curve.intensity, curve.pounding, curve.trials
     if curve.stripes:
-        return im, np.array([probability(int(a), int(b))[:3] for a, b in zip(k, n, strict=True)])
+        hits = [Hits.of(np.arange(b) < a, np.ones(b)) for a, b in zip(k, n, strict=True)]
+        return im, np.array([x.estimate(True)[:3] for x in hits])
     weights = np.ones(im.size) if curve.weights is None else curve.weights
     parts = np.array_split(np.argsort(im), min(12, im.size))
     centre = [np.exp(np.average(np.log(im[x]), weights=weights[x])) for x in parts]

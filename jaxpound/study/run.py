@@ -112,7 +112,7 @@ def monte_carlo(
     0.1406 (95%: 0.06637 to 0.2502)
     """
     owner = "monte_carlo"
-    storage = Storage.of(store)
+    storage = store if isinstance(store, Storage) else Storage(store)
     findings = doubts(owner, scenarios, grid, scheme)
     if count(owner, "n", n) > (most := require_sampling(owner, sampling)):
         raise InvalidInput(owner, "n", str(n), f"must be at most {most:,} for {sampling} sampling")

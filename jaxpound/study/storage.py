@@ -90,12 +90,6 @@ class Storage:
         if self.folder is None and shard != (1, 1):
             raise InvalidInput(_OWNER, "shard", repr(shard), "must come with a folder to fill")
 
-    @staticmethod
-    def of(store: Any) -> Storage:
-        """The storage that the argument ``store`` of ``monte_carlo`` stands for."""
-        instance("monte_carlo", "store", store, str, PathLike, Storage, type(None))
-        return store if isinstance(store, Storage) else Storage(store)
-
     def sized(self, n: int) -> int:
         """Samples per chunk of a study of n samples."""
         if self.chunk_size is not None:
