@@ -151,18 +151,24 @@ class DemandColumns(Columnar, Shown):
             normalised.
         """
         owner, curve = "Study.weighted", getattr(weights, "curve", None)
-        numbers = self._read(self._column(weights)) if isinstance(weights, str) else weights
-        numbers = array(owner, "weights", numbers, (len(self),))
-        if self.failed:
-            numbers = np.where(np.isnan(self._read("pga")), 0.0, numbers)
-        require_weights(owner, numbers)
-        return dataclasses.replace(self, weighting=Weighting(numbers, bool(normalised), curve))
+        if isinstance(weights, str):
+            column = self._moments[self._column(weights)]
+            if column.n != len(self) - self.failed:
+                rule = "must be finite in every run that did not fail"
+                raise InvalidInput(owner, "weights", "", rule)
+            require_weights(owner, np.array([column.smallest, column.largest]))
+        else:
+            weights = array(owner, "weights", weights, (len(self),))
+            if self.failed:
+                weights = np.where(np.isnan(self._read("pga")), 0.0, weights)
+            require_weights(owner, weights)
+        return dataclasses.replace(self, weighting=Weighting(weights, bool(normalised), curve))
 
     @property
     def weights(self) -> np.ndarray:
         """Weights of the samples, shape (n,): 1 without weights; NaN for runs that failed."""
-        weights = np.ones(len(self)) if self.weighting is None else self.weighting.weights
-        return np.where(np.isnan(self._read("pga")), np.nan, weights)
+        pairs = self._weighed(self._parts("pga"))
+        return np.concatenate([np.where(np.isnan(x), np.nan, w) for x, w in pairs])
 
     @property
     def normalised(self) -> bool:
@@ -171,10 +177,13 @@ class DemandColumns(Columnar, Shown):
 
     def _weighed(self, parts: Iterable[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Every part of a column with the weights of its samples."""
-        weights, start = None if self.weighting is None else self.weighting.weights, 0
+        by = None if self.weighting is None else self.weighting.by
+        if isinstance(by, str):
+            yield from zip(parts, self._parts(by), strict=True)
+            return
+        start = 0
         for part in parts:
-            w = np.ones(len(part)) if weights is None else weights[start : start + len(part)]
-            yield part, w
+            yield part, np.ones(len(part)) if by is None else by[start : start + len(part)]
             start += len(part)
 
     def moments(self, name: str) -> Moments:

@@ -15,7 +15,7 @@ from jaxpound.study.statistics import Estimate, binomial_interval
 class Weighting:
     """The weights of a study's samples; ``Study.weighted`` makes it."""
 
-    weights: np.ndarray  # shape (n,)
+    by: str | np.ndarray  # a column's name, or the weights, shape (n,)
     normalised: bool  # see ``Study.weighted``
     curve: Any = None  # the points of the hazard curve that made the weights, if one did
 
