@@ -6,12 +6,11 @@ import dataclasses
 import itertools
 from collections.abc import Sequence
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from jaxpound._checks import Rule, array, enforce, instance, number, positive, require_memory
 from jaxpound._errors import InvalidInput, warn
@@ -30,13 +29,6 @@ from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single
 from jaxpound.simulation.time_steps import record_grid
 
 _OWNER = "Analysis"
-
-
-class Intensity(NamedTuple):
-    """A measure of intensity that is proportional to a record's factor."""
-
-    words: str  # its name with its unit
-    unscaled: Float[np.ndarray, " n"]  # the intensity of each unscaled record
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -97,7 +89,7 @@ class Analysis:
         grid, n = self.time_grid, len(self.suite)
         structures = self.run_structures
         require_stable(structures, self.scheme, grid.dt)
-        doubts = imprecise(structures.system(), grid, self.intensity.unscaled)
+        doubts = imprecise(structures.system(), grid, self.unscaled)
         for record in self.suite:
             doubts += unseen(record, grid, strict=self.strict)
         warn(_OWNER, doubts, self.strict)
@@ -133,20 +125,25 @@ class Analysis:
         place, options = f"{_OWNER}: records: {names}", (self.scheme, [*self.suite])
         return record_grid(place, self.run_structures, *options, strict=self.strict)
 
+    @property
+    def unscaled(self) -> np.ndarray:
+        """The intensity of each unscaled record, shape (n,)."""
+        return self._intensity[1]
+
     @cached_property
-    def intensity(self) -> Intensity:
-        """By ``measure``: "pga", a natural period, or the intensity of each record itself."""
+    def _intensity(self) -> tuple[str, np.ndarray]:
+        """The measure in words, with its unit, and the intensity of each unscaled record."""
         if isinstance(self.measure, str):
             if self.measure != "pga":
                 rule = "must be 'pga', a natural period or a number for each record"
                 raise InvalidInput(_OWNER, "measure", repr(self.measure), rule)
-            return Intensity("PGA (g)", self.suite.pgas)
+            return "PGA (g)", self.suite.pgas
         measure = array(_OWNER, "measure", self.measure, (), (len(self.suite),))
         positive(_OWNER, measure=measure)
         if np.ndim(measure):
-            return Intensity("intensity", measure)
+            return "intensity", measure
         words = Measure.spectral_acceleration(float(measure), self.suite.time_unit)
-        return Intensity(str(words), self.suite.spectra(measure[None])[:, 0])
+        return str(words), self.suite.spectra(measure[None])[:, 0]
 
     @cached_property
     def event(self) -> tuple[str, float]:
@@ -169,11 +166,11 @@ class Analysis:
     def about(self) -> tuple[Any, ...]:
         """What results say of it: threshold, demand, measure and topology."""
         name, threshold = self.event
-        return threshold, name, self.intensity.words, self.structures.system().topology
+        return threshold, name, self._intensity[0], self.structures.system().topology
 
     def excessive(self, highest: Any) -> list[str]:
         """A finding if a record at the highest intensity, of each or of all, has a large PGA."""
-        factors = highest / self.intensity.unscaled
+        factors = highest / self.unscaled
         peaks = self.suite.pgas * factors
         i = int(np.argmax(peaks))
         if peaks[i] <= LARGE_PGA:

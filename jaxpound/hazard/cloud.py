@@ -178,7 +178,7 @@ def cloud_analysis(
         raise InvalidInput(owner, "threshold", "None", rule)
     if analysis.threshold is not None:
         positive_number(owner, threshold=analysis.threshold)
-    im = analysis.intensity.unscaled
+    im = analysis.unscaled
     runs = SuiteRuns(owner, analysis, im, store, progress)
     with runs.bar:
         demands, _ = runs.run(np.arange(len(im)), im)

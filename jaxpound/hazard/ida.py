@@ -178,7 +178,7 @@ def incremental_dynamic_analysis(
         brackets = Brackets.of(with_zero, excess)
         capacities = _REFINEMENTS[refine](runs, brackets, tolerance, demands.size)
         runs.bar.set_postfix_str(f"{n} of {n} records")
-    numbers = analysis.intensity.unscaled, levels, demands[:, 1:], capacities
+    numbers = analysis.unscaled, levels, demands[:, 1:], capacities
     return IncrementalDynamicAnalysis(analysis.suite.names, *numbers, *analysis.about)
 
 

@@ -63,7 +63,7 @@ class SuiteRuns:
 
         ``intensities``, shape (m,), are those to which the records are scaled.
         """
-        unscaled = self.analysis.intensity.unscaled[records]
+        unscaled = self.analysis.unscaled[records]
         factors = np.asarray(intensities / unscaled, jnp.zeros(()).dtype)
         runs = [(*run, slopes) for run in zip(records.tolist(), factors.tolist(), strict=True)]
         missing, size = [x for x in runs if x not in self._finished], min(len(runs), self._part)
