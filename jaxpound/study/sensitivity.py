@@ -17,14 +17,8 @@ from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.system import in_si
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import in_words
+from jaxpound.scenarios import scenarios as sets
 from jaxpound.scenarios.sampling import points
-from jaxpound.scenarios.scenarios import (
-    ScenarioSet,
-    grounds_at,
-    parameter_names,
-    structures_of,
-    topology_of,
-)
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.demands import demands_of, doubts
 from jaxpound.study.statistics import Estimate
@@ -54,7 +48,7 @@ class Sensitivity(Shown):
 
 
 def sobol_sensitivity(
-    scenarios: ScenarioSet,
+    scenarios: sets.ScenarioSet,
     grid: TimeGrid,
     scheme: Scheme = Scheme(),
     demand: str = "required_gap",
@@ -100,13 +94,13 @@ def sobol_sensitivity(
             raise InvalidInput(owner, "demand", repr(demand), rule)
         return values[demand]
 
-    names = parameter_names(scenarios)
+    names = sets.parameter_names(scenarios)
     d, rule = len(names), "at least 2: one has all the variance"
     enforce(owner, [Rule("scenarios.dimension", d, d >= 2, rule)])
     z = points("sobol", jax.random.key(key, impl="threefry2x32"), 2 * d)(0, n)
     a, b = z[:, :d], z[:, d:]
-    grounds = grounds_at(scenarios, grid)(a[: first_of(n, grid)])
-    si = in_si(structures_of(scenarios))
+    grounds = sets.grounds_at(scenarios, grid)(a[: first_of(n, grid)])
+    si = in_si(sets.structures_of(scenarios))
     warn(owner, findings + of_many(grounds, grid, in_g=si), strict)
     mixed = [np.where(np.arange(d) == i, b, a) for i in range(d)]
     demands = in_chunks(run)(np.concatenate([a, b, *mixed])).astype(float)
@@ -135,4 +129,4 @@ def sobol_sensitivity(
         {name: Estimate(*map(float, x)) for name, x in zip(names, of_order, strict=True)}
         for of_order in np.stack(values, axis=-1)
     )
-    return Sensitivity(demand, demands.size, first, total, topology_of(scenarios))
+    return Sensitivity(demand, demands.size, first, total, sets.topology_of(scenarios))
