@@ -35,7 +35,7 @@ def study(folder):
 
 
 def test_gaps_and_pounding_are_those_of_one_link_or_of_any_in_a_table(study, folder):
-    assert study.n_links == 2
+    assert (study.n_links, study.closable_links) == (2, (0, 1))
     own = [GAPS[k] - study[f"min_gap_{k + 1}"] for k in range(2)]
     for k in range(2):
         np.testing.assert_allclose(study[f"required_gap_{k + 1}"], own[k], atol=1e-12)
