@@ -15,7 +15,7 @@ EXTRAS = {  # the extra that installs a library
 }
 
 
-def require(owner: str, library: str) -> Any:
+def require(library: str) -> Any:
     """Import a library; the ``ImportError`` names ``owner`` and the extra that installs it."""
     try:
         return importlib.import_module(library)

@@ -69,33 +69,31 @@ class Buildings:
     gravity: Any = parameter("g", "acceleration", above=0, single=True, default=STANDARD_GRAVITY)
 
     def __post_init__(self) -> None:
-        self._check("Buildings")
-        warn("Buildings", self.doubts, strict=False)
+        self._check()
+        warn(self.doubts, strict=False)
 
     @classmethod
-    def of(
-        cls, owner: str, buildings: Any, links: Any = (), gravity: Any = STANDARD_GRAVITY
-    ) -> Buildings:
+    def of(cls, buildings: Any, links: Any = (), gravity: Any = STANDARD_GRAVITY) -> Buildings:
         """Buildings for the function ``owner``, which errors name and which itself warns."""
         self = unchecked(cls, buildings=buildings, links=links, gravity=gravity)
-        self._check(owner)
+        self._check()
         return self
 
-    def _check(self, owner: str) -> None:
-        (gravity,) = positive_number(owner, gravity=self.gravity)
-        buildings = as_tuple(owner, "buildings", self.buildings)
-        links = by_face(as_tuple(owner, "links", self.links))
+    def _check(self) -> None:
+        (gravity,) = positive_number(gravity=self.gravity)
+        buildings = as_tuple("buildings", self.buildings)
+        links = by_face(as_tuple("links", self.links))
         for i, building in enumerate(buildings):
-            instance(owner, f"buildings.{i}", building, ShearBuilding, Building)
+            instance(f"buildings.{i}", building, ShearBuilding, Building)
         for k, link in enumerate(links):
-            instance(owner, f"links.{k}", link, FloorLink)
+            instance(f"links.{k}", link, FloorLink)
             gaps = [GAP.of(f"links.{k}.gap", link.gap)] if is_closable(link.gap) else []
             friction = FRICTION.of(f"links.{k}.friction", link.friction)
             laws = [ranges(getattr(link, x), f"links.{k}.{x}.") for x in _LAWS]
-            enforce(owner, [friction, *gaps, *chain(*laws)])
+            enforce([friction, *gaps, *chain(*laws)])
         floors = [len(storeys_of(building)) for building in buildings]
-        require_floors(floors, links, LinkLabels(owner))
-        require_heights(buildings, links, LinkLabels(owner))
+        require_floors(floors, links, LinkLabels())
+        require_heights(buildings, links, LinkLabels())
         for name, value in (("buildings", buildings), ("links", links), ("gravity", gravity)):
             object.__setattr__(self, name, value)
 

@@ -224,7 +224,7 @@ class LinkSection(Section):
                 rule = f"must be from 1 to {len(buildings) - 1}, with another building to the right"
                 raise refused("building", rule, str(self.building))
             gap, owner = of_faces(self.gap), 'configuration: floors = "common"'
-            floors = [(*x, None) for x in meeting_floors(owner, buildings, lefts, gap)]
+            floors = [(*x, None) for x in meeting_floors(buildings, lefts, gap)]
         else:
             stated: Any = self  # with a building, and one floor or several
             other = self.next_building  # from here on numbers are those of FloorLink, from 0

@@ -60,7 +60,7 @@ class Section(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 def refused(key: str, rule: str, value: str = "") -> InvalidInput:
     """The error for a key of a table, or for its value as it is printed."""
-    return InvalidInput("", key, value, rule)
+    return InvalidInput(key, value, rule)
 
 
 def between(low: float, high: float, unit: str = "", why: str = "") -> msgspec.Meta:

@@ -52,13 +52,13 @@ class Limit(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_over("Limit", self.over)
+        require_over(self.over)
         if self.at_most is None and self.probability is None:
             rule = "must be a number where there is no probability"
-            raise InvalidInput("Limit", "at_most", "None", rule)
+            raise InvalidInput("at_most", "None", rule)
         if self.probability is not None and self.over != "worst":
             rule = "must be left out with a probability, which is of a single earthquake"
-            raise InvalidInput("Limit", "over", repr(self.over), rule)
+            raise InvalidInput("over", repr(self.over), rule)
 
     def event(self, demand: str) -> str:
         """The event whose probability is limited, in words."""
@@ -115,7 +115,7 @@ class Penalty(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_over("Penalty", self.over)
+        require_over(self.over)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,14 +171,14 @@ class Objective:
         is_goal = callable(self.goal) or isinstance(self.goal, LeastDemand)
         if not is_goal or isinstance(self.goal, type):
             rule = "must be a function of gaps, or LeastDemand"
-            raise InvalidInput("Objective", "goal", repr(self.goal), rule)
+            raise InvalidInput("goal", repr(self.goal), rule)
         for name, kind in (("penalties", Penalty), ("limits", Limit)):
             entries = getattr(self, name)
-            instance("Objective", name, entries, Mapping)
+            instance(name, entries, Mapping)
             checked: Any = {}
             for demand, x in entries.items():
                 if demand != REQUIRED_GAP or kind is Penalty:
-                    require_limited("Objective", demand, f" in {name}")
+                    require_limited(demand, f" in {name}")
                 try:
                     checked[demand] = x if isinstance(x, kind) else kind(x)
                 except InvalidInput as error:

@@ -21,11 +21,11 @@ SECONDS, DIMENSIONLESS = "s", "1/ω1"  # units of time that a record may be in
 _TIME_UNITS = {SECONDS: SECONDS, DIMENSIONLESS: DIMENSIONLESS, "1/omega1": DIMENSIONLESS}
 
 
-def time_unit_of(owner: str, value: Any) -> str:
+def time_unit_of(value: Any) -> str:
     """A unit of time, "s" or "1/ω1" (also spelled "1/omega1"); an ``InvalidInput`` for others."""
     if not (isinstance(value, str) and value in _TIME_UNITS):
         rule = f"must be {SECONDS!r} or {DIMENSIONLESS!r}"
-        raise InvalidInput(owner, "time_unit", repr(value), rule)
+        raise InvalidInput("time_unit", repr(value), rule)
     return _TIME_UNITS[value]
 
 
@@ -203,7 +203,7 @@ class GroundMotion(Addable["Sum", "Scaled"]):
 
         Raises ``ValueError`` if a part of it is not in seconds, or has no unit of time.
         """
-        raise InvalidInput("", repr(self), "", "must be in seconds, but has no unit of time")
+        raise InvalidInput(repr(self), "", "must be in seconds, but has no unit of time")
 
     def in_si(self, gravity: Any) -> GroundMotion:
         """The motion in m/s²: records are in g, and motions without a unit of time in m/s²."""
@@ -287,11 +287,11 @@ class Sum(_Combination):
     def __post_init__(self) -> None:
         object.__setattr__(self, "grounds", tuple(self.grounds))
         if not self.grounds:
-            raise InvalidInput("Sum", "grounds", "()", "must hold at least one ground motion")
+            raise InvalidInput("grounds", "()", "must hold at least one ground motion")
         for i, ground in enumerate(self.grounds):
             require_ground(f"Sum: grounds[{i}]", ground)
         records = enumerate(records_in(self), 1)
-        require_one_time_unit("Sum", {f"grounds, record {i}": x for i, x in records})
+        require_one_time_unit({f"grounds, record {i}": x for i, x in records})
 
     def energy(self, since: float) -> float | None:
         """Sum over the parts, as if they were independent."""
@@ -345,12 +345,12 @@ def mean_acceleration(velocity: Callable[[Any], Any], t: Any, h: float) -> Any:
     return (velocity(t + h / 2) - velocity(begin)) / jnp.where(is_first, h / 2, h)
 
 
-def require_one_time_unit(owner: str, records: Mapping[str, GroundMotion]) -> None:
+def require_one_time_unit(records: Mapping[str, GroundMotion]) -> None:
     """An ``InvalidInput`` for records, by name, of which one is in another unit than the first."""
     for name, record in records.items():
         if record.time_unit != (first := next(iter(records.values()))).time_unit:
             rule = f"must be in the same unit of time as {first!r}"
-            raise InvalidInput(owner, name, repr(record), rule)
+            raise InvalidInput(name, repr(record), rule)
 
 
 def records_in(ground: GroundLike) -> Iterator[GroundMotion]:
@@ -362,11 +362,11 @@ def require_seconds(place: str, record: Any) -> None:
     """An ``InvalidInput`` for a motion that is not in seconds."""
     if (unit := record.time_unit) != SECONDS:
         problem = f"is in units of {unit} already" if unit else "has no unit of time"
-        raise InvalidInput("", place, repr(record), f"must be in seconds, but {problem}")
+        raise InvalidInput(place, repr(record), f"must be in seconds, but {problem}")
 
 
 def require_ground(name: str, value: Any) -> None:
     """An ``InvalidInput`` for a value that is neither a ground motion nor a function of t."""
     if not (callable(value) or isinstance(value, Ground)):
         rule = f"must have acceleration(t) or be a function of t{instead(value, 'Record')}"
-        raise InvalidInput("", name, repr(value), rule)
+        raise InvalidInput(name, repr(value), rule)

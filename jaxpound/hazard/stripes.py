@@ -93,13 +93,12 @@ def multiple_stripes(
     structures, grid, measure, demand, threshold, scheme, strict, store, progress
         As of ``incremental_dynamic_analysis``; ``measure`` of several suites is "pga" or a period.
     """
-    owner = "multiple_stripes"
-    levels = rising_intensities(owner, intensities)
+    levels = rising_intensities(intensities)
     several = isinstance(records, Sequence) and all(isinstance(x, RecordSuite) for x in records)
-    suites = [*records] if several else [as_suite(owner, records)] * levels.size
+    suites = [*records] if several else [as_suite(records)] * levels.size
     if len(suites) != levels.size:
         rule = f"must be {levels.size}, one an intensity"
-        raise InvalidInput(owner, f"{len(suites)} suites", "", rule)
+        raise InvalidInput(f"{len(suites)} suites", "", rule)
     sizes = [len(suite) for suite in suites]
     numbers: dict[int, int] = {}
     different: dict[str, Record] = {}  # each with a name of its own

@@ -39,11 +39,11 @@ _COLUMNS = ("record", "factor", "has_slope", "demand", "slope")  # the first thr
 _ROWS = 256  # of a file
 
 
-def rising_intensities(owner: str, intensities: Any) -> Float[np.ndarray, " k"]:
+def rising_intensities(intensities: Any) -> Float[np.ndarray, " k"]:
     """Rising intensities > 0 as an array; an ``InvalidInput`` for anything else."""
-    levels = array(owner, "intensities", intensities, (-1,))
-    positive(owner, intensities=levels)
-    enforce(owner, [Rule("intensities", levels, np.append(True, np.diff(levels) > 0), "rising")])
+    levels = array("intensities", intensities, (-1,))
+    positive(intensities=levels)
+    enforce([Rule("intensities", levels, np.append(True, np.diff(levels) > 0), "rising")])
     return levels
 
 
@@ -78,23 +78,23 @@ class Analysis:
         owner, n = self.owner, len(self.records)
         if not isinstance(self.structures, Buildings):
             rule = "must be jp.Buildings, as records are in g and s"
-            raise InvalidInput(owner, "structures", type(self.structures).__name__, rule)
-        single_system(owner, self.structures)
-        instance(owner, "scheme", self.scheme, Scheme)
+            raise InvalidInput("structures", type(self.structures).__name__, rule)
+        single_system(self.structures)
+        instance("scheme", self.scheme, Scheme)
         if self.event[0] in (REQUIRED_GAP, OVERLAP):
             object.__setattr__(self, "structures", without_contact(self.structures))
         for record in self.records:
             require_time_unit(f"{owner}: records", record, si=True)
         require_stable(self.structures, self.scheme, self.time_grid.dt)
-        warn(owner, self._doubts(), self.strict)
-        require_memory(owner, "records", n, n * self.time_grid.n_steps * 16)
+        warn(self._doubts(), self.strict)
+        require_memory("records", n, n * self.time_grid.n_steps * 16)
         jax.eval_shape(self.value, 0, 1.0)
 
     @cached_property
     def time_grid(self) -> TimeGrid:
         """The requested grid, or one as long as the longest record, for the finest samples."""
         if self.grid is not None:
-            instance(self.owner, "grid", self.grid, TimeGrid)
+            instance("grid", self.grid, TimeGrid)
             return self.grid
         finest = min(self.records, key=lambda record: float(record.dt))
         longest = max(self.records, key=lambda record: float(record.duration))
@@ -108,10 +108,10 @@ class Analysis:
         if isinstance(self.measure, str):
             if self.measure != "pga":
                 rule = "must be 'pga', a natural period or a number for each record"
-                raise InvalidInput(self.owner, "measure", repr(self.measure), rule)
+                raise InvalidInput("measure", repr(self.measure), rule)
             return Intensity("PGA (g)", self.records.pgas)
-        measure = array(self.owner, "measure", self.measure, (), (len(self.records),))
-        positive(self.owner, measure=measure)
+        measure = array("measure", self.measure, (), (len(self.records),))
+        positive(measure=measure)
         if np.ndim(measure):
             return Intensity("intensity", measure)
         words = Measure.spectral_acceleration(float(measure), self.records.time_unit)
@@ -127,11 +127,11 @@ class Analysis:
             name = "demand" if named.quantity_named(name) else name
         if threshold is None:
             if name != REQUIRED_GAP:
-                named.require_threshold(self.owner, self.demand)
+                named.require_threshold(self.demand)
             gap = common_gap(self.structures)
             return (OVERLAP, 0.0) if gap is None else (REQUIRED_GAP, float(gap))
-        limit = float(number(self.owner, "threshold", threshold))
-        enforce(self.owner, [Rule("threshold", limit, np.isfinite(limit), "finite")])
+        limit = float(number("threshold", threshold))
+        enforce([Rule("threshold", limit, np.isfinite(limit), "finite")])
         return name, limit
 
     @property
@@ -160,7 +160,7 @@ class Analysis:
         ground = factor * Record(samples, interval)
         result = demand(self.structures, ground, self.time_grid, self.scheme)
         spec = self.event[0] if isinstance(self.demand, str) else self.demand
-        return named.value_of(self.owner, self.structures.system(), result, spec)
+        return named.value_of(self.structures.system(), result, spec)
 
     def value_and_slope(self, record: Any, factor: Any) -> Any:
         """``value`` and its derivative by the factor."""

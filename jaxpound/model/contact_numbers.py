@@ -57,15 +57,15 @@ def contact_stiffness(
     """
     owner, floor = "contact_stiffness", {"modulus": modulus, "area": area, "length": length}
     if (storeys is None) == all(x is None for x in floor.values()):
-        raise InvalidInput(owner, "", "", "give either modulus, area and length, or storeys")
+        raise InvalidInput("", "", "give either modulus, area and length, or storeys")
     if storeys is None:
-        modulus, area, length = positive(owner, **floor)
+        modulus, area, length = positive(**floor)
         return modulus * area / length
     try:
         left, right = storeys
     except (TypeError, ValueError):
-        raise InvalidInput(owner, "storeys", repr(storeys), "must be two numbers") from None
-    left, right = positive(owner, **{"storeys.0": left, "storeys.1": right})
+        raise InvalidInput("storeys", repr(storeys), "must be two numbers") from None
+    left, right = positive(**{"storeys.0": left, "storeys.1": right})
     stiffer = larger(left, right) if is_traced((left, right)) else np.maximum(left, right)
     return STIFFER_THAN_A_STOREY * stiffer
 

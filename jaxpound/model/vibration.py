@@ -126,17 +126,17 @@ def first_frequency(structures: Structures) -> float:
 class _Linear:
     """Masses, rods and inerters of concrete structures, scaled so that the mass matrix is 1."""
 
-    def __init__(self, owner: str, structures: Any) -> None:
+    def __init__(self, structures: Any) -> None:
         if hasattr(structures, "modes"):
             rule = "in SI units have a method of their own, modes()"
-            raise InvalidInput(owner, "structures", "", rule)
-        instance(owner, "structures", structures, Structures)
+            raise InvalidInput("structures", "", rule)
+        instance("structures", structures, Structures)
         system = structures.system()
         inerters = [link.inerter for link in system.links]
         leaves = jax.tree.leaves((system.masses, system.rods, inerters))
         if not is_known_and_single(leaves):
             rule = "must be known, not traced" if is_traced(leaves) else "must be one, not a batch"
-            raise InvalidInput(owner, "structures", "", rule)
+            raise InvalidInput("structures", "", rule)
         self.masses = np.array([float(mass) for mass in system.masses])
         self.n = self.masses.size
         unit_motions = [*np.eye(self.n)]

@@ -38,11 +38,11 @@ def still(
     A ``ValueError`` if the response is a batch, not that of shear buildings, of a pair without a
     finite gap, or invalid, time is not within the run, or elevations are not as in ``row``.
     """
-    _require_scene("still", response)
+    _require_scene(response)
     end = float(response.time[-1])
     if not 0 <= time <= end:
         rule = f"must be within the run, from 0 to {end:.6g}"
-        raise InvalidInput("still", "time", str(time), rule)
+        raise InvalidInput("time", str(time), rule)
     ax = house.new_axes(ax)
     scene = Scene(response, ax, reach, elevations, "still")
     scene.show(int(np.abs(np.asarray(response.time) - time).argmin()))
@@ -81,13 +81,13 @@ def animate(
     single = isinstance(responses, Response)
     runs = {"": responses} if isinstance(responses, Response) else same_units("animate", responses)
     for response in runs.values():
-        _require_scene("animate", response)
+        _require_scene(response)
     if frames < 2 or not 0 < seconds < np.inf:
         rule = "must be at least 2 frames, and seconds positive and finite"
-        raise InvalidInput("animate", "frames", f"{frames}, seconds = {seconds}", rule)
+        raise InvalidInput("frames", f"{frames}, seconds = {seconds}", rule)
     time = np.asarray(next(iter(runs.values())).time)
     if any(not np.array_equal(time, response.time) for response in runs.values()):
-        raise InvalidInput("animate", "responses", "", "must be on the same grid")
+        raise InvalidInput("responses", "", "must be on the same grid")
 
     low = all(map(is_pair, runs.values()))
     figure = house.new_figure(2, (1.25 if single else 1.5) + (0.0 if low else 0.4))
@@ -152,12 +152,12 @@ def _panels(
     return scenes, below
 
 
-def _require_scene(owner: str, response: Response) -> None:
+def _require_scene(response: Response) -> None:
     """An ``InvalidInput`` for a run whose buildings cannot be drawn."""
-    require_valid(owner, response)
+    require_valid(response)
     if not buildings_of(response):
         rule = "must be of shear buildings: floors one above the other, each on one rod"
-        raise InvalidInput(owner, "the run", "", rule)
+        raise InvalidInput("the run", "", rule)
     if is_pair(response) and not np.isfinite(response.min_gap):
         rule = "must be finite, so that the buildings stand somewhere"
-        raise InvalidInput(owner, "the gap", "", rule)
+        raise InvalidInput("the gap", "", rule)

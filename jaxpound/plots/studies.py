@@ -212,7 +212,7 @@ def scatter_matrix(
         ranked = sorted(sizes, key=lambda name: -sizes[name])[:4]
         names = [name for name in ranked if sizes[name] > 1.96 / len(study) ** 0.5] or ranked[:1]
     for name in names:
-        require_one_of("scatter_matrix", name, parameters)
+        require_one_of(name, parameters)
     figure = house.new_figure(0.35 + 0.4 * len(names), 0.13 + 0.72 * len(demands))
     panels = figure.subplots(len(demands), len(names), sharex="col", sharey="row", squeeze=False)
     for row, demand in zip(panels, demands, strict=True):

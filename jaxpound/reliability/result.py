@@ -188,7 +188,7 @@ class RareEvent(Shown):
         For a bound, whose c.o.v. is NaN, the interval begins at 0. Raises ``ValueError`` if
         confidence is not between 0 and 1.
         """
-        require_share("RareEvent.interval", "confidence", confidence)
+        require_share("confidence", confidence)
         p, cov = self.probability, self.cov
         if not (p > 0 and math.isfinite(cov)):
             return Estimate(p, 0.0, p if math.isnan(cov) else math.nan, confidence)
@@ -220,7 +220,7 @@ class RareEvent(Shown):
 
         Raises ``ValueError`` if there is no such parameter; as ``slopes``.
         """
-        require_paths("RareEvent.slope", self.limit_state.nominal, [path])
+        require_paths(self.limit_state.nominal, [path])
         return self.slopes[path]
 
     @property

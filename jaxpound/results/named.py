@@ -233,16 +233,16 @@ def limited_values(
     )
 
 
-def value_of(owner: str, system: System, demand: Demand, spec: DemandSpec) -> Any:
+def value_of(system: System, demand: Demand, spec: DemandSpec) -> Any:
     """The demand of a run by its name or the user's function; traceable.
 
     Raises ``InvalidInput`` if the structures have no such demand, or the function gives no number.
     """
     if not isinstance(spec, str):
-        value = jnp.asarray(real(owner, "demand", spec(demand)))
+        value = jnp.asarray(real("demand", spec(demand)))
         return value.astype(jnp.result_type(float, value))
     if spec in (REQUIRED_GAP, OVERLAP) and not any(is_closable(x.gap) for x in system.links):
-        raise InvalidInput(owner, "structures", "", "must have a link whose gap is finite")
+        raise InvalidInput("structures", "", "must have a link whose gap is finite")
     if spec == OVERLAP:
         return -demand.min_gap
     if spec in (values := all_demands(system, demand)):
@@ -250,23 +250,23 @@ def value_of(owner: str, system: System, demand: Demand, spec: DemandSpec) -> An
     of_all = spec in (*OF_YIELDING, "collapsed")
     only = "yielding" if of_all else getattr(quantity_named(spec), "only", "")
     if needed := {"contact": "a contact law", "yielding": "a rod that yields"}.get(only):
-        raise InvalidInput(owner, "demand", repr(spec), f"must be of structures with {needed}")
-    raise InvalidInput(owner, "", "", f"unknown demand {reprlib.repr(spec)}; {hint(spec, values)}")
+        raise InvalidInput("demand", repr(spec), f"must be of structures with {needed}")
+    raise InvalidInput("", "", f"unknown demand {reprlib.repr(spec)}; {hint(spec, values)}")
 
 
-def require_limited(owner: str, name: Any, place: str) -> None:
+def require_limited(name: Any, place: str) -> None:
     """An ``InvalidInput`` for no limited demand of any system; ``place`` follows its name."""
     quantity = quantity_named(name) if isinstance(name, str) else None
     if quantity is None or not quantity.limited:
         limited = (*LIMITABLE_OF_PAIR, _ALL_DAMPERS, _INERTANCE, *OF_FLOORS, *OF_YIELDING)
-        raise InvalidInput(owner, "", "", f"unknown demand {name!r}{place}; {hint(name, limited)}")
+        raise InvalidInput("", "", f"unknown demand {name!r}{place}; {hint(name, limited)}")
 
 
-def require_threshold(owner: str, demand: Any) -> None:
+def require_threshold(demand: Any) -> None:
     """An ``InvalidInput`` for a demand without its threshold, or of an unknown name."""
     if isinstance(demand, str) and not is_demand(demand):
         such = "demands are named as in Demand, such as 'peak_x1'"
         meant = did_you_mean(demand, OF_FLOORS + OF_YIELDING) or such
-        raise InvalidInput(owner, "", "", f"unknown demand {reprlib.repr(demand)}; {meant}")
+        raise InvalidInput("", "", f"unknown demand {reprlib.repr(demand)}; {meant}")
     shown = repr(demand) if isinstance(demand, str) else "a function"
-    raise InvalidInput(owner, "threshold", "None", f"must be a number: demand is {shown}")
+    raise InvalidInput("threshold", "None", f"must be a number: demand is {shown}")

@@ -23,7 +23,6 @@ DURATION = Range(1e-3, 3600, "s", "at most an hour: the longest earthquakes take
 
 
 def run_grid(
-    owner: str,
     structures: Structures,
     ground: GroundLike,
     grid: TimeGrid | None,
@@ -34,22 +33,22 @@ def run_grid(
 ) -> TimeGrid:
     """The grid of a run: the caller's, or, of ``Buildings``, that which the ground motion sets."""
     if grid is not None:
-        instance(owner, "grid", grid, TimeGrid)
+        instance("grid", grid, TimeGrid)
         for name, value in (("duration", duration), ("dt", dt)):
             if value is not None:
-                raise InvalidInput(owner, name, repr(value), "must be None, since the grid has it")
+                raise InvalidInput(name, repr(value), "must be None, since the grid has it")
         return grid
     records = [part for part in as_motion(ground).parts() if isinstance(part, Record)]
     rule = "must be a TimeGrid"
     if not isinstance(structures, Buildings):
-        raise InvalidInput(owner, "grid", "None", f"{rule}: it is chosen for Buildings only")
+        raise InvalidInput("grid", "None", f"{rule}: it is chosen for Buildings only")
     if is_traced((structures, [record.dt for record in records] or ground)):
         reason = "it follows from buildings, a record's dt and wavelets, of which some are traced"
-        raise InvalidInput(owner, "grid", "None", f"{rule}: {reason}")
+        raise InvalidInput("grid", "None", f"{rule}: {reason}")
     require_time_unit("ground", ground, si=True)
     if not records and duration is None:
         rule = "must be stated in s, since the ground motion has no record"
-        raise InvalidInput(owner, "duration", "None", rule)
+        raise InvalidInput("duration", "None", rule)
     grid = record_grid(f"{owner}:", structures, scheme, records, duration, dt, strict)
     while dt is None and not records and as_motion(ground).unresolved(grid.dt):
         if 2 * grid.n_steps > MOST_STEPS:

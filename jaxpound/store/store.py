@@ -232,22 +232,22 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise ValueError(f"{owner}: {rule} it: {advice}")
     if not intact:
         raise ValueError(f"{owner}: {MANIFEST} is damaged (its checksum is wrong)")
-    _check_identity(owner, content.get("identity"))
+    _check_identity(content.get("identity"))
     return content
 
 
-def _check_identity(owner: str, identity: Any) -> None:
+def _check_identity(identity: Any) -> None:
     """A ``ValueError`` if an identity lacks an entry that reading a chunk needs."""
     entries = identity if isinstance(identity, dict) else {}
     size, names, precision = (entries.get(k) for k in ("chunk_size", "columns", "precision"))
     if not (type(size) is int and 1 <= size <= MOST_SAMPLES):
-        raise InvalidInput(owner, "chunk_size", _short(size), f"must be from 1 to {MOST_SAMPLES:,}")
+        raise InvalidInput("chunk_size", _short(size), f"must be from 1 to {MOST_SAMPLES:,}")
     if not (isinstance(names, list) and names):
-        raise InvalidInput(owner, "columns", _short(names), "must be names")
+        raise InvalidInput("columns", _short(names), "must be names")
     for name in names:
-        archive.require_name(owner, name)
+        archive.require_name(name)
     if precision not in ("float32", "float64"):
-        raise InvalidInput(owner, "precision", _short(precision), "must be float32 or float64")
+        raise InvalidInput("precision", _short(precision), "must be float32 or float64")
 
 
 def _checksum(content: Mapping[str, Any]) -> str:

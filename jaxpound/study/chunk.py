@@ -125,10 +125,10 @@ class Task:
         owner = "monte_carlo"
         for name, x in more.items():
             if name in columns:
-                raise InvalidInput(owner, repr(name), "", "is the name of a demand; rename it")
-            require_name(owner, name)
+                raise InvalidInput(repr(name), "", "is the name of a demand; rename it")
+            require_name(name)
             if shape := jnp.shape(x):
-                raise InvalidInput(owner, repr(name), "", f"of shape {shape} must be one number")
+                raise InvalidInput(repr(name), "", f"of shape {shape} must be one number")
         return {name: jnp.asarray(x, z.dtype) for name, x in (columns | more).items()}
 
     def rows(self, chunk: int, full: bool = False) -> range:

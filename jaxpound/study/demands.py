@@ -30,14 +30,14 @@ def demands_of(
     return all_demands(structures.system(), demand(structures, ground, grid, scheme))
 
 
-def doubts(owner: str, scenarios: ScenarioSet, grid: TimeGrid) -> list[str]:
+def doubts(scenarios: ScenarioSet, grid: TimeGrid) -> list[str]:
     """``imprecise`` of the structures of scenarios; a ``ValueError`` if they are a batch."""
-    instance(owner, "scenarios", scenarios, ScenarioSet)
-    instance(owner, "grid", grid, TimeGrid)
+    instance("scenarios", scenarios, ScenarioSet)
+    instance("grid", grid, TimeGrid)
     findings: list[str] = []
 
     def look(z: jax.Array) -> None:
-        findings.extend(imprecise(single_system(owner, scenarios.realize(z)[0]), grid, z))
+        findings.extend(imprecise(single_system(scenarios.realize(z)[0]), grid, z))
 
     jax.eval_shape(look, jnp.zeros(scenarios.dimension))
     return findings

@@ -70,17 +70,16 @@ class Fragility(Shown):
     """Whose probability it is, in words, such as ``"largest ductility ≥ 4"``."""
 
     def __post_init__(self) -> None:
-        owner = type(self).__name__
         for name in ("median", "dispersion"):
-            (value,) = _checks.positive_number(owner, **{name: getattr(self, name)})
+            (value,) = _checks.positive_number(**{name: getattr(self, name)})
             object.__setattr__(self, name, float(value))
-        matrix = array(owner, "covariance", self.covariance, (2, 2))
+        matrix = array("covariance", self.covariance, (2, 2))
         object.__setattr__(self, "covariance", matrix)
-        instance(owner, "measure", self.measure, str)
+        instance("measure", self.measure, str)
         of_measure, unit = Measure.of_text(self.measure).unit, measure_unit(self.unit) or self.unit
         if unit and of_measure and of_measure != unit:
             rule = f"must be in the unit of the intensities, {self.unit}"
-            raise InvalidInput(owner, "measure", repr(self.measure), rule)
+            raise InvalidInput("measure", repr(self.measure), rule)
         object.__setattr__(self, "unit", unit or of_measure)
 
     @property
@@ -100,7 +99,7 @@ class Fragility(Shown):
 
     def probability(self, intensity: ArrayLike) -> np.ndarray:
         """Probability of pounding at intensities ≥ 0 (else a ``ValueError``), of their shape."""
-        im = _not_negative("Fragility.probability", intensity)
+        im = _not_negative(intensity)
         with np.errstate(divide="ignore"):
             return ndtr(np.log(im / self.median) / self.dispersion)
 
@@ -123,8 +122,8 @@ class Fragility(Shown):
         to 91 % of clouds of 40 runs, and in 79 to 89, 87 to 92 and 90 to 94 % of 6 stripes of 5, 10
         and 20 runs, the covariance's in 95 % to 99 %; with 300 runs both in 90 % or more.
         """
-        require_share("band", "confidence", confidence)
-        points = _not_negative("band", intensity)
+        require_share("confidence", confidence)
+        points = _not_negative(intensity)
         resampled = not self.source and self.weights is None and self.intensity.size
         if replicates is None or not resampled:
             with np.errstate(divide="ignore"):
@@ -133,7 +132,7 @@ class Fragility(Shown):
             error = np.sqrt(np.einsum("...i,ij,...j", slope, self.covariance, slope))
             half = ndtri((1 + confidence) / 2) * error
             return ndtr(z - half), ndtr(z + half)
-        count("band", "replicates", replicates)
+        count("replicates", replicates)
         random = np.random.default_rng(seed)
         im, k, n = self.intensity, self.pounding, self.trials
         if not self.stripes:
@@ -215,31 +214,30 @@ def fit_fragility(
     >>> round(float(curve.probability(0.5)), 3)
     0.379
     """
-    owner = "fit_fragility"
-    im, k = np.asarray(real(owner, "intensity", intensity), float), np.asarray(pounding)
-    k = k if k.dtype == bool else np.asarray(real(owner, "pounding", pounding))
-    n = np.asarray(1 if trials is None else real(owner, "trials", trials))
+    im, k = np.asarray(real("intensity", intensity), float), np.asarray(pounding)
+    k = k if k.dtype == bool else np.asarray(real("pounding", pounding))
+    n = np.asarray(1 if trials is None else real("trials", trials))
     n = np.full(im.shape, n) if n.ndim == 0 else n
     if im.ndim != 1 or not im.size or k.shape != im.shape or n.shape != im.shape:
         shapes = f"intensity {im.shape}, pounding {k.shape} and trials {n.shape}"
-        raise InvalidInput(owner, shapes, "", "must be (m,)")
+        raise InvalidInput(shapes, "", "must be (m,)")
     rules = [
         Rule("intensity", im, (im > 0) & np.isfinite(im), "positive and finite"),
         Rule("trials", n, (n >= 1) & (n % 1 == 0), "whole numbers from 1 on"),
         Rule("pounding", k, (k >= 0) & (k <= n) & (k % 1 == 0), "from 0 to trials, whole"),
     ]
-    enforce(owner, rules)
+    enforce(rules)
     k, n = k.astype(int), n.astype(int)
     w: np.ndarray | None = None
     if weights is not None:
-        w = array(owner, "weights", weights, im.shape)
-        require_weights(owner, w)
+        w = array("weights", weights, im.shape)
+        require_weights(w)
         w = w / w.mean()
     counted = np.ones(im.shape, bool) if w is None else w > 0
     z, weight = np.log(im[counted]), 1 if w is None else w[counted]
     hits, runs = k[counted], n[counted]
     if reason := _no_maximum(im[counted], weight * hits, weight * runs):
-        raise InvalidInput(owner, "pounding", "", f"must determine a curve, but {reason}")
+        raise InvalidInput("pounding", "", f"must determine a curve, but {reason}")
     (a, b), information = _maximise(z, weight * hits, weight * runs, np.array([-z.mean(), 1.0]))
     spread = np.linalg.inv(information)
     if w is not None:
@@ -253,7 +251,7 @@ def fit_fragility(
     stripes = trials is not None
     if stripes and (drop := falls(im, k, n)):
         reason = "a fragility, which rises with the intensity, does not fit"
-        warn(owner, [f"pounding occurs {drop}: {reason}"], strict=False)
+        warn([f"pounding occurs {drop}: {reason}"], strict=False)
     curve = float(np.exp(-a / b)), float(1 / b), slope @ spread @ slope.T
     return Fragility(*curve, im, k, n, stripes, w, measure=measure)
 
@@ -277,10 +275,10 @@ def falls(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
     return f"{k[i]} of {n[i]} times at {im[i]:.4g} and {k[j]} of {n[j]} at {im[j]:.4g}"
 
 
-def _not_negative(owner: str, intensity: ArrayLike) -> np.ndarray:
+def _not_negative(intensity: ArrayLike) -> np.ndarray:
     """Intensities from 0 to ∞, both included."""
-    im = np.asarray(real(owner, "intensity", intensity), float)
-    enforce(owner, [Rule("intensity", im, im >= 0, "not negative")])
+    im = np.asarray(real("intensity", intensity), float)
+    enforce([Rule("intensity", im, im >= 0, "not negative")])
     return im
 
 

@@ -138,17 +138,16 @@ def monte_carlo(
     0.1406 (95%: 0.06637 to 0.2502)
     """
     # Longer than other functions: the parts of a study, in their order, share a dozen values.
-    owner = "monte_carlo"
     _check(scenarios, n, scheme, sampling, measures or {})
-    findings = doubts(owner, scenarios, grid)
+    findings = doubts(scenarios, grid)
     units = result_units(structures_of(scenarios))
     if chunk_size is None and store is not None and os.path.lexists(Path(store) / MANIFEST):
         chunk_size = Store(store).chunk_size
     elif chunk_size is None:
         chunk_size = min(max(_SMALLEST, 2 ** int(math.log2(n / _CHUNKS))), _LARGEST)
-    size = count(owner, "chunk_size", chunk_size)
+    size = count("chunk_size", chunk_size)
     task = Task(
-        *(scenarios, grid, scheme, key_numbers(owner, key), sampling, int(n), size),
+        *(scenarios, grid, scheme, key_numbers(key), sampling, int(n), size),
         measures=dict(measures or {}),
         keep_parameters=bool(keep_parameters),
         keep_failures=bool(keep_failures),
@@ -160,13 +159,13 @@ def monte_carlo(
     # Points and columns of a chunk, all columns, and the moments of columns of all chunks.
     n_columns, number = len(task.names), task.z_type().dtype.itemsize
     rows, in_row = min(task.n, size), scenarios.dimension + n_columns
-    require_memory(owner, "samples of a chunk", rows, rows * in_row * number)
+    require_memory("samples of a chunk", rows, rows * in_row * number)
     if store is None:
-        require_memory(owner, "n (without a store)", task.n, task.n * n_columns * number)
-    require_memory(owner, "number of chunks", len(chunks), len(chunks) * n_columns * _MOMENTS_BYTES)
+        require_memory("n (without a store)", task.n, task.n * n_columns * number)
+    require_memory("number of chunks", len(chunks), len(chunks) * n_columns * _MOMENTS_BYTES)
     context = _context(task, notes)
 
-    warn(owner, findings + of_many(task.first_grounds(), grid, in_g=True), strict)
+    warn(findings + of_many(task.first_grounds(), grid, in_g=True), strict)
     moments: dict[int, dict[str, Moments]] = {}
     stored = None if store is None else Store.create(store, identity, task.n, context)
     if stored is not None:
@@ -183,7 +182,7 @@ def monte_carlo(
             moments[chunk], columns[chunk] = outcome
             if i == 0:  # warn before the other chunks are run
                 ends = {x: (m.smallest, m.largest) for x, m in moments[chunk].items()}
-                warn(owner, unreached(context["topology"], ends, si=units is not None), strict)
+                warn(unreached(context["topology"], ends, si=units is not None), strict)
             bar.update(sizes[chunk])
 
     moments, points = {chunk: moments[chunk] for chunk in chunks}, partial(task.points, chunks)
@@ -202,16 +201,16 @@ def _parts_in_memory(columns: Sequence[Columns], *names: str) -> list[np.ndarray
 
 def _check(scenarios: Any, n: Any, scheme: Any, sampling: Any, measures: Any) -> None:
     owner = "monte_carlo"
-    instance(owner, "scenarios", scenarios, ScenarioSet)
-    count(owner, "scenarios.dimension", scenarios.dimension)
-    instance(owner, "scheme", scheme, Scheme)
-    instance(owner, "measures", measures, Mapping)
-    most = require_sampling(owner, sampling)
-    if count(owner, "n", n) > most:
-        raise InvalidInput(owner, "n", str(n), f"must be at most {most:,} for {sampling} sampling")
+    instance("scenarios", scenarios, ScenarioSet)
+    count("scenarios.dimension", scenarios.dimension)
+    instance("scheme", scheme, Scheme)
+    instance("measures", measures, Mapping)
+    most = require_sampling(sampling)
+    if count("n", n) > most:
+        raise InvalidInput("n", str(n), f"must be at most {most:,} for {sampling} sampling")
     for name, measure in measures.items():
         if not callable(measure):
-            raise InvalidInput(owner, f"measures[{name!r}]", repr(measure), "must be a function")
+            raise InvalidInput(f"measures[{name!r}]", repr(measure), "must be a function")
 
 
 def _chunks_of_shard(shard: Any, task: Task, in_memory: bool) -> range:
@@ -235,7 +234,7 @@ def _context(task: Task, notes: Any) -> dict[str, Any]:
     try:
         json.dumps(notes, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise InvalidInput(owner, "notes", "", f"must be what JSON can hold ({error})") from error
+        raise InvalidInput("notes", "", f"must be what JSON can hold ({error})") from error
     scenarios, key, topologies = task.scenarios, task.fingerprint, list[Topology]()
 
     @jax.jit
@@ -256,7 +255,7 @@ def _context(task: Task, notes: Any) -> dict[str, Any]:
     if not np.isfinite(oscillators).all():
         values = ", ".join(f"{x:.4g}" for x in oscillators)
         rule = f"must be valid, but periods and damping ratios of its structures are {values}"
-        raise InvalidInput(owner, "the scenario of z = 0", "", rule)
+        raise InvalidInput("the scenario of z = 0", "", rule)
     return {"notes": notes, "oscillators": oscillators or None, "topology": topology}
 
 

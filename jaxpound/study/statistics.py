@@ -30,10 +30,9 @@ class Estimate(NamedTuple):
 
 def probability(successes: int, n: int, confidence: float = 0.95) -> Estimate:
     """Probability of an event with ``successes`` in n, with its ``binomial_interval``."""
-    owner = "probability"
-    require_share(owner, "confidence", confidence)
+    require_share("confidence", confidence)
     between = Rule("successes", successes, 0 <= successes <= n, f"between 0 and n = {n}")
-    enforce(owner, [Rule("n", n, n >= 1, "at least 1"), between])
+    enforce([Rule("n", n, n >= 1, "at least 1"), between])
     share = successes / n
     return Estimate(share, *binomial_interval(share, n, confidence), confidence)
 
@@ -56,11 +55,10 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
     """
     from scipy import stats  # only here: it takes a second to import
 
-    owner = "quantile"
-    require_share(owner, "share", share)
-    require_share(owner, "confidence", confidence)
-    sample = array(owner, "sample", sample, (-1,))
-    enforce(owner, [Rule("sample", sample, np.isfinite(sample), "finite")])
+    require_share("share", share)
+    require_share("confidence", confidence)
+    sample = array("sample", sample, (-1,))
+    enforce([Rule("sample", sample, np.isfinite(sample), "finite")])
     ends = stats.quantile_test(sample, p=share).confidence_interval(confidence)
     # NaN if no order statistic suffices.
     low, high = np.where(np.isnan(ends), (-np.inf, np.inf), ends).tolist()
