@@ -199,7 +199,7 @@ def pytree_dataclass(cls: type[T]) -> type[T]:
     with cotangents, axis numbers or tracers in the place of numbers: rebuilding makes no checks.
     """
     if not hasattr(cls, "__post_init__"):
-        cls.__post_init__ = check  # type: ignore[attr-defined]
+        cls.__post_init__ = Checked.__post_init__  # type: ignore[attr-defined]
     if cls.__repr__ is object.__repr__:  # neither the class nor a base prints it
         cls.__repr__ = dataclass_repr  # type: ignore[method-assign]
     data_cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
@@ -254,7 +254,7 @@ def check(obj: Any) -> None:
             object.__setattr__(obj, field.name, value)
         if isinstance(spec, Parameter):
             as_number = _checks.count if spec.whole else number if spec.single else real
-            numbers = tuple(as_number(owner, *entry) for entry in _entries(field, value))
+            numbers = tuple(as_number(*entry) for entry in _entries(field, value))
             if each or numbers:
                 object.__setattr__(obj, field.name, numbers if each else numbers[0])
         elif kinds := field.metadata.get("kinds"):

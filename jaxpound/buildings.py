@@ -74,7 +74,7 @@ class Buildings:
 
     @classmethod
     def of(cls, buildings: Any, links: Any = (), gravity: Any = STANDARD_GRAVITY) -> Buildings:
-        """Buildings for the function ``owner``, which errors name and which itself warns."""
+        """Buildings of a function, which errors name and which itself warns."""
         self = unchecked(cls, buildings=buildings, links=links, gravity=gravity)
         self._check()
         return self
@@ -133,8 +133,7 @@ class Buildings:
         0.1
         """
         scales, links = self.scales, list[FloorLink]()
-        owner, convert = "Buildings.dimensionless", operator.truediv
-        law_in_units = partial(law_in_other_units, owner, scales=scales, convert=convert)
+        law_in_units = partial(law_in_other_units, scales=scales, convert=operator.truediv)
         for k, link in enumerate(self.links):
             laws = {x: law_in_units(f"links.{k}.{x}", getattr(link, x)) for x in _LAWS}
             friction, gap = link.friction / scales.force, link.gap / scales.length

@@ -88,7 +88,7 @@ class Scales:
     def grid(self, duration: float, dt: float) -> TimeGrid:
         """The dimensionless time grid for a duration and a step in seconds, not traced."""
         if is_traced((self.frequency, duration, dt)):
-            raise ValueError(f"{owner}: a grid shapes the program and cannot be traced")
+            raise InvalidInput("", "", "a grid shapes the program and cannot be traced")
         omega = float(number("frequency", self.frequency))
         duration, dt = positive_number(duration=duration, dt=dt)
         return TimeGrid.until(float(duration) * omega, float(dt) * omega)
@@ -138,7 +138,7 @@ class Scales:
         if not callable(getattr(record, "dimensionless", None)) or isinstance(record, type):
             instance("record", record, Record)
         for part in record.parts() if isinstance(record, GroundMotion) else [record]:
-            require_seconds(f"{owner}: record", part)
+            require_seconds("record", part)
         return record.dimensionless(self.frequency)
 
     def to_si(self, result: Result) -> Result:

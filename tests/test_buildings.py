@@ -238,7 +238,7 @@ SEVERAL = r"Buildings\(\(left, right\), links\) makes"
 test_errors_name_the_argument = refusals(
     (jp.demand, PAIR, DIMENSIONLESS, GRID, "must be in seconds, as Buildings are"),
     (jp.demand, jp.paper.structures(), RECORD, GRID, OF_STRUCTURES),
-    (jp.Scenarios, PAIR, NOISE, "Scenarios: ground: .*must be in seconds"),
+    (jp.Scenarios, PAIR, NOISE, "Scenarios: ground = .*must be in seconds"),
 )
 test_buildings_name_the_argument = refusals(
     ((), (), r"buildings = \(\) must hold at least one"),

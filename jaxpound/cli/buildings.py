@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 from msgspec import Meta
 
 import jaxpound as jp
+from jaxpound._errors import renamed
 from jaxpound.cli.isolation import IsolationSection, TunedMassSection, device_of
 from jaxpound.cli.reading import Section, between, each, named, of_field, ranges, refused, says
 from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
@@ -223,8 +224,8 @@ class LinkSection(Section):
             if not 0 <= lefts[0] < len(buildings) - 1:
                 rule = f"must be from 1 to {len(buildings) - 1}, with another building to the right"
                 raise refused("building", rule, str(self.building))
-            gap, owner = of_faces(self.gap), 'configuration: floors = "common"'
-            floors = [(*x, None) for x in meeting_floors(buildings, lefts, gap)]
+            with renamed('floors = "common"'):
+                floors = [(*x, None) for x in meeting_floors(buildings, lefts, of_faces(self.gap))]
         else:
             stated: Any = self  # with a building, and one floor or several
             other = self.next_building  # from here on numbers are those of FloorLink, from 0
@@ -262,13 +263,13 @@ class BuildingsLayout(NamedTuple):
             f"[[link]] {n}" if n else f"[[building]] {link.building + 1} {device_of(link)}"
             for n, link in by_table
         ]
-        labels = LinkLabels("", names.__getitem__, first=1)
+        labels = LinkLabels(names.__getitem__, " ", first=1)
         require_floors([len(building.storeys) for building in models], floor_links, labels)
         require_heights(models, floor_links, labels)
         bearings = tuple(building.isolation for building in buildings)
         touching: list[Any] = [*links, *(x.wall for x in bearings if x and x.wall)]
         laws = tuple(table.contact.law for table in touching if table.contact)
-        return cls(jp.Buildings.of("Buildings", models, floor_links), tables, laws, bearings)
+        return cls(jp.Buildings.of(models, floor_links), tables, laws, bearings)
 
     @property
     def shear_buildings(self) -> tuple[jp.ShearBuilding, ...]:

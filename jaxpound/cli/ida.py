@@ -145,7 +145,7 @@ def analysed(
     """The analysis of the buildings under these records."""
     ladder, run, buildings = config.ida, config.run, config.buildings
     options = run.scheme, [*suite], run.duration, run.dt
-    grid = record_grid(f"{file.name}: [run]", buildings, *options)
+    grid = record_grid(buildings, *options, place=f"{file.name}: [run]")
     period = ladder.period or max(natural_periods(buildings))
     with named(f"{file.name}: [ida]"):
         return jp.incremental_dynamic_analysis(

@@ -229,7 +229,7 @@ def uncertain_structures(
         warnings.simplefilter("always", jp.PlausibilityWarning)
         uncertain = jp.UncertainStructures(parameters.buildings, multiples, correlation)
     said = [by_key(str(x.message), keys).partition(": ")[2] for x in doubts]
-    warn("configuration", [f"{place} {x}" for x in said], strict=False)
+    warn([f"{place} {x}" for x in said])
     # Each parameter at both ends of its range, the others at their medians.
     z = NormalDist().inv_cdf(RARE) * np.linalg.inv(np.linalg.cholesky(uncertain.correlations)).T
     rows = jax.jit(jax.vmap(jax.vmap(uncertain.parameters)))(np.array([z, -z]))

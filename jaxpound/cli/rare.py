@@ -127,11 +127,11 @@ def run(args: argparse.Namespace) -> None:
         choice(state, config.search.method)  # before a folder is made
     if design is not None:
         with named(f"{file.name}: [design]"):
-            require_smooth("reach_probability", state, WITHOUT_JUMPS)
+            require_smooth(state, WITHOUT_JUMPS)
     size = first_of(_CHECKED, state.grid), state.dimension
     z = jax.random.normal(jax.random.key(config.search.seed), size)
     grounds = grounds_at(state.scenarios, state.grid)(z)
-    warn("rare", of_many(grounds, state.grid, in_g=True), args.strict)
+    warn(of_many(grounds, state.grid, in_g=True), args.strict)
     with kept_search(args, "store", "", file.text.encode()):
         result = searched(file, config, state, args.store)
         if design is not None:

@@ -52,7 +52,7 @@ class Structured(Section, dict=True):
         tables = zip(link_places(system.topology), self.layout.tables, strict=True)
         names = {f"link {x}": f"[[link]] {n} ({x})" for x, n in tables if n and self.link}
         findings = (x.partition(": ") for x in self.buildings.doubts)
-        warn("configuration", ["".join((names.get(x, x), *more)) for x, *more in findings])
+        warn(["".join((names.get(x, x), *more)) for x, *more in findings])
 
     @cached_property
     def layout(self) -> BuildingsLayout:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import instance
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import Checked, parameter
 from jaxpound.design.goals import Goal, LeastDemand, MeanGap, gathered, require_over
 from jaxpound.results.named import REQUIRED_GAP, require_limited
@@ -179,17 +179,15 @@ class Objective:
             for demand, x in entries.items():
                 if demand != REQUIRED_GAP or kind is Penalty:
                     require_limited(demand, f" in {name}")
-                try:
+                with renamed(name, {"at_most": demand, "weight": demand}):
                     checked[demand] = x if isinstance(x, kind) else kind(x)
-                except InvalidInput as error:
-                    raise error.replaced(owner=f"Objective: {name}", name=demand) from error
                 limit = checked[demand]
                 if kind is Limit and demand == REQUIRED_GAP and limit.probability is None:
                     rule = "must have a probability; of gaps over an ensemble there are goals"
-                    raise InvalidInput("Objective: limits", demand, repr(limit.at_most), rule)
+                    raise InvalidInput(f"limits: {demand}", repr(limit.at_most), rule)
                 if kind is Limit and demand != REQUIRED_GAP and limit.at_most is None:
                     rule = f"must be given: only of {REQUIRED_GAP} it is that of the structures"
-                    raise InvalidInput(f"Objective: limits: {demand}", "at_most", "None", rule)
+                    raise InvalidInput(f"limits: {demand}: at_most", "None", rule)
             object.__setattr__(self, name, checked)
 
     @property

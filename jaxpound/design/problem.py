@@ -28,8 +28,6 @@ from jaxpound.results.named import inertances, limitable_demands, limited_values
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
 
-OWNER = "design_damper"
-
 
 class ProblemData(NamedTuple):
     """Numeric arguments of a search's programs: other numbers need no other compilation."""
@@ -95,9 +93,9 @@ class DesignProblem:
             instance(field.name, getattr(self, field.name), kind)
         nominal = self.space.nominal
         single_system(nominal)
-        require_time_unit(f"{OWNER}: ensemble", self.ensemble, si=self.si)
+        require_time_unit("ensemble", self.ensemble, si=self.si)
         self.space.require_certain(self.ensemble.uncertain)
-        owner, objective, goal = f"{OWNER}: objective", self.objective, self.objective.goal
+        objective, goal = self.objective, self.objective.goal
         of_goal = [goal.demand] if isinstance(goal, LeastDemand) else []
         named: dict[str, Any] = {"penalties": objective.penalties, "limits": objective.limits}
         for place, names in {**named, "goal": of_goal}.items():

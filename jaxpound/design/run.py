@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, instance, require_memory
-from jaxpound._errors import InvalidInput, resumable, warn
+from jaxpound._errors import InvalidInput, caller, resumable, warn
 from jaxpound.design.design import Comparison, Design, SearchHistory
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.objective import Objective
-from jaxpound.design.problem import OWNER, DesignProblem
+from jaxpound.design.problem import DesignProblem
 from jaxpound.design.rare_limits import limit_states, search_in_rounds
 from jaxpound.design.search import Descent, DesignSearch
 from jaxpound.design.space import DesignSpace, start_shares
@@ -171,7 +171,7 @@ class Designer:
             if limit.probability is not None:
                 excess = f"{limit.event(worst)} = {x:.4g}, above its limit {limit.most:g}"
             closest = f"the closest that was found, in {iterations} iterations, has {excess}"
-            raise InfeasibleError(f"{OWNER}: limits must leave a design, but {closest}")
+            raise InfeasibleError(f"{caller()}: limits must leave a design, but {closest}")
         function = replace(problem.objective, limits=used)
         multipliers, gradient = result.conditions.multipliers(best)
         at_bound = result.conditions.at_bound(best.scaled, gradient)

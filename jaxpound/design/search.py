@@ -19,7 +19,7 @@ from jaxpound._checks import instance, seed
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, parameter
 from jaxpound.design.lagrangian import AugmentedLagrangian, FirstOrderConditions, SearchState
-from jaxpound.design.problem import OWNER, Point, ProblemData, RareEstimates, best_start, better
+from jaxpound.design.problem import Point, ProblemData, RareEstimates, best_start, better
 from jaxpound.design.space import spread_shares
 from jaxpound.model.system import Structures
 from jaxpound.store.archive import DamagedError, digest, opened, sweep_parts, write_archive
@@ -181,7 +181,7 @@ class Descent:
                     best = better(best, problem.points(point.scaled, self.data), state.alive)
                 history.append(Iterate(point, best, state.alive))
                 if not state.alive.any():
-                    raise ValueError(f"{OWNER}: {self._none_finite(history)}")
+                    raise InvalidInput("", "", self._none_finite(history))
                 due = len(history) % _SAVE_EVERY == 0 or time.monotonic() > written + _SAVE_AFTER
                 if saved is not None and due:
                     saved.write(state, history)

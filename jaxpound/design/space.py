@@ -203,14 +203,14 @@ def _bounds(path: str, limits: Any, low: float, high: float) -> Bounds:
     """Bounds, as given or as two numbers, within what a parameter may be."""
     if not isinstance(limits, Bounds):
         if not (isinstance(limits, tuple | list) and len(limits) == 2):
-            raise InvalidInput("DesignSpace", path, repr(limits), "must be Bounds or (low, high)")
-        with renamed(f"DesignSpace: {path}: Bounds"):
+            raise InvalidInput(path, repr(limits), "must be Bounds or (low, high)")
+        with renamed(f"{path}: Bounds"):
             limits = Bounds(*limits)
     rules = [
         Rule(f"{path}: low", limits.low, limits.low >= low, f"at least {low:.6g}"),
         Rule(f"{path}: high", limits.high, limits.high <= high, f"at most {high:.6g}"),
     ]
-    enforce("DesignSpace", rules)
+    enforce(rules)
     return limits
 
 
@@ -225,7 +225,5 @@ def spread_shares(first: np.ndarray, n: int, key: int) -> np.ndarray:
 
 def start_shares(space: DesignSpace, start: Structures | Mapping[str, float] | None) -> np.ndarray:
     """Scaled variables of a search's start; a ``ValueError`` outside the bounds."""
-    try:
+    with renamed("start"):
         return space.shares(space.nominal if start is None else start)
-    except ValueError as error:
-        raise ValueError(f"{owner}: start: {error}") from error

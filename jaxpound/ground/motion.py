@@ -128,8 +128,8 @@ class Addable(Generic[SumT, ScaledT]):
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: Any) -> ScaledT:
-        divisor = number("Scaled", "divisor", divisor)
-        enforce("Scaled", [Rule("divisor", divisor, divisor != 0, "no zero")])
+        divisor = number("divisor", divisor)
+        enforce([Rule("divisor", divisor, divisor != 0, "no zero")])
         return self._make_scaled(self, 1 / divisor)
 
     def __neg__(self) -> ScaledT:
@@ -179,11 +179,11 @@ class GroundMotion(Addable["Sum", "Scaled"]):
             values = [self.acceleration(float(instant)) for instant in t]
             if not is_traced(values):  # JAX would compile a program of as many inputs
                 values = [np.asarray(value) for value in values]
-        values = real("ground", "acceleration(t)", values)
+        values = real("ground: acceleration(t)", values)
         if jnp.shape(values) not in ((), t.shape):
-            name = f"acceleration(t) of shape {jnp.shape(values)}"
-            raise InvalidInput("ground", name, "", f"must have the shape of t, {t.shape}")
-        enforce("ground", [Rule("acceleration(t)", values, finite(values), "finite")])
+            name = f"ground: acceleration(t) of shape {jnp.shape(values)}"
+            raise InvalidInput(name, "", f"must have the shape of t, {t.shape}")
+        enforce([Rule("ground: acceleration(t)", values, finite(values), "finite")])
         return jnp.broadcast_to(values, t.shape)
 
     def parts(self) -> Iterator[GroundMotion]:
@@ -358,11 +358,11 @@ def records_in(ground: GroundLike) -> Iterator[GroundMotion]:
     return (part for part in as_motion(ground).parts() if part.time_unit)
 
 
-def require_seconds(place: str, record: Any) -> None:
+def require_seconds(name: str, record: Any) -> None:
     """An ``InvalidInput`` for a motion that is not in seconds."""
     if (unit := record.time_unit) != SECONDS:
         problem = f"is in units of {unit} already" if unit else "has no unit of time"
-        raise InvalidInput(place, repr(record), f"must be in seconds, but {problem}")
+        raise InvalidInput(name, repr(record), f"must be in seconds, but {problem}")
 
 
 def require_ground(name: str, value: Any) -> None:

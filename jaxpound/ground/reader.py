@@ -93,7 +93,7 @@ def read_record(
         value is no finite number, above 20 g or a code of missing values; rows are of unequal
         length, times not uniform; or data are cut. The message is one line.
     """
-    file = _Source.of("read_record", path, dt, units, rows)
+    file = _Source.of(path, dt, units, rows)
     with _located(file.path):
         return file.record(file.chosen(column, vertical), strict)
 
@@ -229,7 +229,7 @@ class _Source:
             notes.append("the acceleration is 0 throughout: is this the right file or column?")
         known = self.units is not None or unit is not None
         doubts = *notes, *of_samples(samples, step, stated=known)
-        warn(str(self.path), [*doubts], strict)
+        warn([f"{self.path}: {doubt}" for doubt in doubts], strict)
         return derived(samples, step, name, doubts=doubts)
 
 
@@ -338,4 +338,5 @@ def _digits(number: str) -> tuple[int, int, int]:
 def require_possible(place: str, name: str, peak: float, hint: str) -> None:
     """A ``ValueError`` for an acceleration, in g, far above those of all earthquakes."""
     if not abs(peak) <= MOST_PGA:
-        raise InvalidInput(place, name, f"{peak:.4g} g", f"must be at most {MOST_PGA:g} g: {hint}")
+        rule = f"must be at most {MOST_PGA:g} g: {hint}"
+        raise InvalidInput(f"{place}: {name}", f"{peak:.4g} g", rule, owner="")

@@ -232,7 +232,7 @@ class Record(motion.GroundMotion):
 
     def dimensionless(self, frequency: Any) -> Record:
         """The record, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s."""
-        motion.require_seconds("Record.dimensionless: record", self)
+        motion.require_seconds("record", self)
         return self._with(self.samples, self.dt * frequency, time_unit=motion.DIMENSIONLESS)
 
     def _with(self, samples: Any, dt: Any = None, **fields: Any) -> Record:

@@ -18,12 +18,12 @@ from jaxpound import _checks
 from jaxpound._checks import count, instance, is_traced, positive, positive_number, require_one_of
 from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._tables import Shown, TextTable
-from jaxpound.ground.formats.text import OtherKindError
+from jaxpound.ground.formats.text import MisreadError, OtherKindError
 from jaxpound.ground.intensity import spectra
 from jaxpound.ground.reader import read_components
 from jaxpound.ground.record import Record, require_records
 from jaxpound.ground.stations import pairs_of
-from jaxpound.ground.target import SCALED_TO, FactorBounds, PeriodRange, ScaledSuite, TargetSpectrum
+from jaxpound.ground.target import FactorBounds, PeriodRange, ScaledSuite, TargetSpectrum
 
 PERIODS = 100  # number of those at which spectra are compared with a target
 _NO_RECORD = re.compile(  # names of files beside the records
@@ -57,7 +57,7 @@ class RecordSuite(Shown):
     stations: Mapping[str, Sequence[str]] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        owner, members = "RecordSuite", self.records
+        members = self.records
         require_records(members, Sequence)
         for i, record in enumerate(members):
             name = f"records[{i}]"
@@ -198,7 +198,7 @@ class RecordSuite(Shown):
                 rule = f"must be within what {record.name!r} holds, {limits}"
                 raise InvalidInput("periods", stated, rule)
         periods_at = np.geomspace(*span, PERIODS)
-        with renamed(SCALED_TO):
+        with renamed():
             ordinates = target.at(periods_at)
         unscaled = self.spectra(periods_at, target.damping)
         selected, fitted = bounds.fit(ordinates / unscaled, best, least)
@@ -276,7 +276,7 @@ def read_suite(
             words = f"none of its {len(records)} components, each a station, is said to be vertical"
             findings.append(f"{place / name}: {words}")
     warn(findings, strict)
-    with renamed(f"{owner}: {place}"):
+    with renamed(str(place)):
         suite = _suite_of(files)
     return suite if component == "both" else _of_component(suite, component)
 
@@ -289,17 +289,16 @@ def _read_files(paths: Sequence[Path], **options: Any) -> tuple[dict[str, list[R
         try:
             if _NO_RECORD.fullmatch(path.name):
                 raise OtherKindError(None, "by the name no record")
-            files[path.name], names = read_components(path, **options)
+            with renamed():
+                files[path.name], names = read_components(path, **options)
             for name in names:
                 others.setdefault(f"components {name}", []).append(path.name)
         except OtherKindError as error:
             words = error.message.rpartition(", but ")[2]
             reason = words.removeprefix("is ").partition(": ")[0]
             others.setdefault(reason, []).append(path.name)
-        except InvalidInput as error:
-            raise error.replaced(owner=f"{owner}: {error.owner}".removesuffix(": ")) from error
-        except ValueError as error:  # a file that could not be read
-            raise ValueError(f"{owner}: {error}") from error
+        except MisreadError as error:
+            raise InvalidInput("", "", str(error)) from error
     for names in others.values():
         names[3:] = [f"{len(names) - 3} more"] if names[3:] else []
     return files, "; ".join(f"{', '.join(names)}: {why}" for why, names in others.items())

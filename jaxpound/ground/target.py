@@ -19,7 +19,6 @@ from jaxpound.ground.intensity import damping_rule
 if TYPE_CHECKING:
     from jaxpound.ground.suite import RecordSuite
 
-SCALED_TO = "RecordSuite.scaled_to"
 
 _SOILS = {  # S, T_B, T_C, T_D of spectra of type 1 and 2
     "A": ((1.0, 0.15, 0.4, 2.0), (1.0, 0.05, 0.25, 1.2)),
@@ -126,7 +125,7 @@ class TargetSpectrum(Shown):
 
     def __post_init__(self) -> None:
         check(self)
-        owner, arrays = "TargetSpectrum", (self.periods, self.accelerations)
+        arrays = self.periods, self.accelerations
         periods, accelerations = (np.asarray(x, float) for x in arrays)
         if periods.ndim != 1 or periods.size < 2 or accelerations.shape != periods.shape:
             shapes = f"periods {periods.shape} and accelerations {accelerations.shape}"

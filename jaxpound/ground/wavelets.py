@@ -206,7 +206,7 @@ class Pulse(GroundMotion):
 
     def dimensionless(self, frequency: Any) -> Pulse:
         """The pulse, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s."""
-        motion.require_seconds("Pulse.dimensionless: pulse", self)
+        motion.require_seconds("pulse", self)
         times = self.period * frequency, self.arrival * frequency
         return Pulse(self._size * frequency, *times, self.phase, self.cycles, DIMENSIONLESS)
 

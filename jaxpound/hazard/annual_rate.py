@@ -24,7 +24,6 @@ from jaxpound.study.statistics import Estimate
 from jaxpound.study.study import Study
 from jaxpound.study.weighting import Hits
 
-_OWNER = "AnnualRate.deaggregation"
 _LEFT_OUT = 1e-3  # share of the rate beyond either end of the default bands
 _MOST_BEYOND = 0.5  # a larger share of a rate from beyond the curve's ends hints at a wrong unit
 _MAX_EXPONENT = 300.0  # of the logarithm of an interval's half width
@@ -219,7 +218,7 @@ class FragilityRate:
         if not np.isfinite([*rates, *slopes.flat]).all():
             rule = f"must be nearer to the curve's intensities, {im[0]:.4g} to {im[-1]:.4g}:"
             rule = f"of the fragility {rule} continued to it, the curve has no finite rate"
-            raise InvalidInput("HazardCurve.annual_rate_of", "median", f"{curve.median:.4g}", rule)
+            raise InvalidInput("median", f"{curve.median:.4g}", rule)
         slope = slopes.sum(axis=0)
         least, below, above = float(rates[1:-1].sum()), float(rates[0]), float(rates[-1])
         value, most = float(rates.sum()), self.points.annual_rate[-1]
@@ -378,7 +377,7 @@ def gap_of_rate(
         rates = " to ".join(f"{target * np.exp(x):.4g}" for x in ends) or "none"
         rule = "must be the rate of pounding at a gap at which a fragility can be fitted"
         rule = f"{target:.4g} a year, {rule}: of these there are {rates}"
-        raise InvalidInput("HazardCurve.required_gap", "the target,", "", rule)
+        raise InvalidInput("the target,", "", rule)
     last = max(i for i, x in enumerate(excesses) if x > 0)
     root = float(brentq(log_excess, logs[last], logs[last + 1], xtol=1e-6))
     slope = (log_excess(root + _STEP_OF_GAP) - log_excess(root - _STEP_OF_GAP)) / (2 * _STEP_OF_GAP)

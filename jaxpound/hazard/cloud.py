@@ -190,7 +190,7 @@ def cloud_analysis(
     if threshold is not None:
         positive_number(threshold=threshold)
     options = grid, measure, demand, threshold, scheme, strict
-    analysis = Analysis(owner, structures, as_suite(records), *options)
+    analysis = Analysis(structures, as_suite(records), *options)
     level, name, words, topology = analysis.about
     if name == named.OVERLAP:
         rule = "must be a gap: those at rest of the links differ, and overlaps have no logarithm"

@@ -92,9 +92,8 @@ class HazardCurve(Shown):
         site
             The row, from 0, or the site's name in a file of the USGS; needed if there are several.
         """
-        points = read_hazard(file, site)
-        with renamed(f"HazardCurve.read: {file}"):
-            return HazardCurve(*points)
+        with renamed(str(file)):
+            return HazardCurve(*read_hazard(file, site))
 
     @property
     def slope(self) -> np.ndarray:

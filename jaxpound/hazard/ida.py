@@ -200,7 +200,7 @@ def incremental_dynamic_analysis(
     tolerance = float(number("tolerance", tolerance))
     enforce([Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "from 1e-9 to below 1")])
     suite, options = as_suite(records), (measure, demand, threshold, scheme, strict)
-    analysis = Analysis(owner, structures, suite, grid, *options, levels[-1])
+    analysis = Analysis(structures, suite, grid, *options, levels[-1])
     runs = SuiteRuns(analysis, store, progress)
     n, with_zero = len(suite), np.append(0.0, levels)
     with runs.bar:

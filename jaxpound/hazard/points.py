@@ -196,7 +196,6 @@ def read_hazard(
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """Fields of ``HazardCurve.read``, with rows of sites counted from ``first``."""
     path = Path(file)
-    owner = f"HazardCurve.read: {path}"
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     header = lines[0] if lines and lines[0].startswith("#") else ""
     rows = [row for row in csv.reader(lines[bool(header) :]) if any(row)]
@@ -204,7 +203,7 @@ def read_hazard(
     levels = [i for i, name in enumerate(names) if name not in _PLACES]
     if not {"lon", "lat"} <= set(names) or len(levels) < 2 or len(rows) < 2:
         rule = "a line of names, lon and lat and the intensities (OpenQuake: poe-0.1), above sites"
-        raise ValueError(f"{owner} must hold {rule}")
+        raise InvalidInput("", "", f"must hold {rule}")
     row = _site(names, rows[1:], site, first)
     im = np.array([_number(names[i].removeprefix("poe-")) for i in levels])
     value = np.array([_number(row[i]) for i in levels])

@@ -113,7 +113,7 @@ def multiple_stripes(
     at, highest = np.repeat(levels, sizes), np.zeros(len(different))
     np.maximum.at(highest, rows, at)
     options = grid, measure, demand, threshold, scheme, strict, highest
-    analysis = Analysis(owner, structures, RecordSuite(tuple(different.values())), *options)
+    analysis = Analysis(structures, RecordSuite(tuple(different.values())), *options)
     runs = SuiteRuns(analysis, store, progress)
     with runs.bar:
         demands, _ = runs.run(rows, at)

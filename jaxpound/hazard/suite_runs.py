@@ -18,7 +18,7 @@ from jaxtyping import Float
 from tqdm.auto import tqdm
 
 from jaxpound._checks import Rule, array, enforce, instance, number, positive, require_memory
-from jaxpound._errors import InvalidInput, warn
+from jaxpound._errors import InvalidInput, caller, warn
 from jaxpound._xla.batches import in_chunks, runs_at_a_time
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
@@ -58,12 +58,11 @@ class Intensity(NamedTuple):
 class Analysis:
     """Buildings, records that are scaled, intensity and demand: what is run for any fragility.
 
-    Arguments are as of ``incremental_dynamic_analysis``; ``owner`` is the function that was called,
-    for errors, ``highest`` the largest intensity of each record, or of all; None: unscaled records.
-    Where pounding is sought, ``structures`` are without laws of contact.
+    Arguments are as of ``incremental_dynamic_analysis``; ``highest`` is the largest intensity of
+    each record, or of all; None: unscaled records. Where pounding is sought, ``structures`` are
+    without laws of contact.
     """
 
-    owner: str
     structures: Buildings
     records: RecordSuite
     grid: TimeGrid | None
@@ -75,7 +74,7 @@ class Analysis:
     highest: Any = None
 
     def __post_init__(self) -> None:
-        owner, n = self.owner, len(self.records)
+        n = len(self.records)
         if not isinstance(self.structures, Buildings):
             rule = "must be jp.Buildings, as records are in g and s"
             raise InvalidInput("structures", type(self.structures).__name__, rule)
@@ -84,7 +83,7 @@ class Analysis:
         if self.event[0] in (REQUIRED_GAP, OVERLAP):
             object.__setattr__(self, "structures", without_contact(self.structures))
         for record in self.records:
-            require_time_unit(f"{owner}: records", record, si=True)
+            require_time_unit("records", record, si=True)
         require_stable(self.structures, self.scheme, self.time_grid.dt)
         warn(self._doubts(), self.strict)
         require_memory("records", n, n * self.time_grid.n_steps * 16)
@@ -99,8 +98,8 @@ class Analysis:
         finest = min(self.records, key=lambda record: float(record.dt))
         longest = max(self.records, key=lambda record: float(record.duration))
         names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
-        place, options = f"{self.owner}: records: {names}", (self.scheme, [*self.records])
-        return record_grid(place, self.structures, *options, strict=self.strict)
+        options: Any = {"strict": self.strict, "place": f"records: {names}"}
+        return record_grid(self.structures, self.scheme, [*self.records], **options)
 
     @cached_property
     def intensity(self) -> Intensity:
@@ -212,8 +211,9 @@ class SuiteRuns:
             self.bar.update(len(part))
         demands, by_factor = np.array([self._finished[run] for run in runs]).T
         if not (finite := np.isfinite(demands)).all():
-            i, owner, name = int(np.argmin(finite)), self.analysis.owner, self.analysis.event[0]
-            place = f"{owner}: {self.analysis.records.names[records[i]]!r} at {intensities[i]:.6g}"
+            i, name = int(np.argmin(finite)), self.analysis.event[0]
+            record = self.analysis.records.names[records[i]]
+            place = f"{caller()}: {record!r} at {intensities[i]:.6g}"
             raise FloatingPointError(f"{place}: {name} must be finite, but is {demands[i]}")
         return np.stack([demands, by_factor / unscaled])
 

@@ -55,7 +55,7 @@ def contact_stiffness(
     >>> float(jp.contact_stiffness(storeys=(1.0, 2.5)))
     50.0
     """
-    owner, floor = "contact_stiffness", {"modulus": modulus, "area": area, "length": length}
+    floor = {"modulus": modulus, "area": area, "length": length}
     if (storeys is None) == all(x is None for x in floor.values()):
         raise InvalidInput("", "", "give either modulus, area and length, or storeys")
     if storeys is None:

@@ -175,7 +175,7 @@ class MoatWall:
     contact: Any = None
 
     def __post_init__(self) -> None:
-        with renamed("MoatWall"):
+        with renamed():
             self.link(0)
 
     def link(self, building: int, **between: Any) -> FloorLink:
@@ -238,7 +238,7 @@ def on_bearings(
         raise InvalidInput("number", repr(number), "must be a whole number from 0 on")
     above = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
     weight = gravity * (base_mass + sum(storey.mass for storey in above.storeys))
-    with renamed(owner, {"mass": "base_mass", "heights.0": "height"}):
+    with renamed(names={"mass": "base_mass", "heights.0": "height"}):
         base = bearing.storey(base_mass, weight, gravity)
         storeys, heights = (base, *above.storeys), (height, *above.heights)
         on_bearings = ShearBuilding(storeys, heights, above.n_tuned)

@@ -80,7 +80,7 @@ _OF_BUILDINGS = {"buildings": "building", "rods": "storey", "masses": "floor", "
 
 def get(structures: Any, path: str) -> Any:
     """Value of a parameter."""
-    return _lookup(_table(structures), path, "get")[1]
+    return _lookup(_table(structures), path)[1]
 
 
 def put(structures: T, values: Mapping[str, Any]) -> T:
@@ -157,12 +157,10 @@ def require_paths(structures: Any, names: Iterable[str]) -> None:
     """An ``InvalidInput`` for a path that names no parameter."""
     table = _table(structures)
     for path in names:
-        _lookup(table, path, owner)
+        _lookup(table, path)
 
 
-def _lookup(
-    table: Mapping[str, tuple[Parameter, Any]], path: str, owner: str = "parameters"
-) -> tuple[Parameter, Any]:
+def _lookup(table: Mapping[str, tuple[Parameter, Any]], path: str) -> tuple[Parameter, Any]:
     """The entry of a path; for a class ``*`` stands for any index."""
     if not isinstance(path, str):
         raise InvalidInput("path", repr(path), "must be the name of a parameter")

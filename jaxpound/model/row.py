@@ -99,7 +99,7 @@ class FloorLink:
                 name = "next_floor" if above else "next_building"
                 rule = "must be left out: the other end is the ground"
                 raise InvalidInput(name, str(getattr(self, name)), rule)
-        check_link(self, f"FloorLink {self}")
+        check_link(self, str(self))
 
     more_rules = Link.more_rules
 
@@ -315,16 +315,16 @@ def common_floors(left: Any, right: Any) -> list[tuple[int, int]]:
 class LinkLabels(NamedTuple):
     """How messages name links and count floors."""
 
-    owner: str
     link: Callable[[int], str] = "links.{}".format
     """The name of link k."""
+    between: str = ": "
+    """What stands between a link and its field."""
     first: int = 0
     """The number of the first building and floor."""
 
     def invalid(self, k: int, name: str, value: Any, rule: str) -> InvalidInput:
         """The error for a field of link k."""
-        colon = ":" if self.owner else ""
-        return InvalidInput(f"{self.link(k)}{colon} {name}", str(value), rule)
+        return InvalidInput(self.link(k) + self.between + name, str(value), rule)
 
 
 def require_floors(floors: Sequence[int], links: Sequence[FloorLink], labels: LinkLabels) -> None:
@@ -359,7 +359,7 @@ def _require_forest(floors: Sequence[int], links: Sequence[FloorLink], labels: L
     ends = tuple(_ends(link, starts) for link in links)
     topology = Topology(starts[-1], (), ends)
     for k in faces(topology):
-        require_face(f"{labels.link(k)}: ", links[k])
+        require_face(labels.link(k) + labels.between, links[k])
     if (closing := ring(topology)) is None:
         return
     rule = "must not close a ring with the links before it"

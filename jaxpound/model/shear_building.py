@@ -121,7 +121,7 @@ class ShearBuilding:
         listed = [_each(name, value, n) for name, value in rods.items()]
         storeys = []
         for i, numbers in enumerate(zip(masses, *listed, strict=True)):
-            with renamed(f"{owner}: storeys.{i}"):
+            with renamed(f"storeys.{i}"):
                 storeys.append(Building(*numbers))
         building = cls(tuple(storeys), _each("heights", heights, n))
         if yield_force is None:
@@ -184,7 +184,7 @@ class ShearBuilding:
         positive = Rule("taper", taper, (taper > 0) & np.isfinite(taper), "positive, finite")
         enforce([positive, TAPER.of("taper", taper)])
         shares = np.linspace(1.0, float(taper), n)
-        with renamed(owner, {"mass": "storey_mass"}):
+        with renamed(names={"mass": "storey_mass"}):
             block = Building.from_period(masses[0], period, damping_ratio, order, tau_f)
             unit = block.stiffness / _least_eigenvalue(shares, [m / masses[0] for m in masses])
             rod = block.order, block.tau_f, block.tau_x

@@ -53,7 +53,7 @@ def with_weight(storey: Building, weight: Any, height: float) -> Building:
     With θ that over its stiffness k, f − θ k e of a storey is the force of one of stiffness
     (1 − θ) k, the same dashpot, the same e_y and a hardening (α − θ)/(1 − θ).
     """
-    owner, theta = "with_p_delta", weight / height / storey.stiffness
+    theta = weight / height / storey.stiffness
     rule = "below 1: else the weight buckles the storey"
     enforce([Rule("weight above over stiffness and height", theta, theta < 1, rule)])
     left, law = 1 - theta, storey.hysteresis

@@ -140,8 +140,8 @@ OPPOSITE: Any = {"friction": 0.0, "damper": None, "velocity_friction": None, "in
 """What the left face of a link of two faces leaves to the right one."""
 
 
-def check_link(link: Any) -> None:
-    """Check a link, or both faces of a link of two; errors name the owner."""
+def check_link(link: Any, part: str = "") -> None:
+    """Check a link, or both faces of a link of two; errors name the class and ``part``."""
     for name in ("gap", "contact"):
         if isinstance(value := getattr(link, name), tuple) and len(value) != 2:
             rule = "must be two, (left, right), of a link of two faces"
@@ -154,7 +154,7 @@ def check_link(link: Any) -> None:
             real("gap", gap)
         link.faces()  # which checks them
         return
-    with renamed(owner):
+    with renamed(part):
         check(link)
 
 
@@ -296,7 +296,7 @@ class System:
 
 def _set_ends(element: Rod | Link) -> None:
     """Set two ends, masses or ``GROUND``; or masses and, apart from them, their weights."""
-    owner, ends, weights = type(element).__name__, element.ends, element.weights
+    ends, weights = element.ends, element.weights
     if isinstance(ends, WeightedMasses):  # those of an element that has been made before
         return
     if weights:
@@ -341,11 +341,11 @@ def _shares(influence: tuple[Any, ...], n: int) -> tuple[float, ...]:
     """The shares of the ground's motion of n masses, () where each mass has all of it."""
     if len(influence) not in (0, n):
         rule = f"must be one number for each of {n} masses"
-        raise InvalidInput("System", f"influence of {len(influence)} numbers", "", rule)
+        raise InvalidInput(f"influence of {len(influence)} numbers", "", rule)
     for mass, share in enumerate(influence):
-        if is_traced(share) or not finite(number("System", f"influence.{mass}", share)):
+        if is_traced(share) or not finite(number(f"influence.{mass}", share)):
             rule = "must be a finite number that is known, not traced"
-            raise InvalidInput("System", f"influence.{mass}", str(share), rule)
+            raise InvalidInput(f"influence.{mass}", str(share), rule)
     shares = tuple(map(float, influence))
     return () if set(shares) == {1.0} else shares
 
@@ -359,18 +359,18 @@ def _require_held(system: System) -> None:
     if any(isinstance(ends, WeightedMasses) for ends in topology.rods):
         if (rows := _rows(system.rods, n)) is not None and (_rank(rows) < n).any():
             rule = "must hold all masses: in some motion of them no rod is stretched"
-            raise InvalidInput("System", "rods", "", rule)
+            raise InvalidInput("rods", "", rule)
     else:
         group, _ = joined_ends(n, topology.rods)
         for mass in range(n):
             if group[mass] != group[GROUND]:
                 rule = "must be tied to the ground by rods, directly or through other masses"
-                raise InvalidInput("System", f"masses.{mass}", "", rule)
+                raise InvalidInput(f"masses.{mass}", "", rule)
     if (closing := ring(topology)) is not None:
         ends, rule = topology.links[closing], "must not close a ring with the links before it"
         if any({*ends} == {*before} for before in topology.links[:closing]):
             rule = ONE_LINK
-        raise InvalidInput("System", f"links.{closing}.ends", str(ends), rule)
+        raise InvalidInput(f"links.{closing}.ends", str(ends), rule)
     joints = [k for k in range(len(system.links)) if k not in faces(topology)]
     if any(isinstance(topology.links[k], WeightedMasses) for k in joints):
         if (rows := _rows([system.links[k] for k in joints], n)) is None:
@@ -378,7 +378,7 @@ def _require_held(system: System) -> None:
         for number, k in enumerate(joints, 1):
             if (_rank(rows[..., :number, :]) < number).any():
                 rule = "must have a closing that does not follow from those of the links before it"
-                raise InvalidInput("System", f"links.{k}.ends", _written(system.links[k]), rule)
+                raise InvalidInput(f"links.{k}.ends", _written(system.links[k]), rule)
 
 
 def _rows(elements: Sequence[Rod | Link], n: int) -> np.ndarray | None:
@@ -403,7 +403,7 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
         if damper := getattr(link, "damper", None):
             if damper.weights or damper.ends not in (None, link.ends):
                 rule = f"must be left out, or those of the link, {link.ends}"
-                raise InvalidInput("Link", "damper.ends", str(damper.ends), rule)
+                raise InvalidInput("damper.ends", str(damper.ends), rule)
             ends = {"ends": link.ends, "weights": getattr(link, "weights", ())}
             rods.append(unchecked(Rod, **{**vars(damper), **ends}))
             link = replace(link, damper=None)

@@ -134,7 +134,7 @@ def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     masses = sorted(mass for building in buildings for mass, _ in building)
     if masses != list(range(topology.n_masses)):
         rule = "must be shear buildings, each floor on one storey"
-        raise InvalidInput("structures", "masses", "", rule)
+        raise InvalidInput("structures: masses", "", rule)
     return tuple(sorted(buildings))
 
 

@@ -115,7 +115,7 @@ def tuned_inerter_damper(
     ends: dict[str, Any] = {"next_building": GROUND}
     if floor != GROUND:
         ends = {"next_building": number, "next_floor": int(floor)}
-    with renamed(owner, {"building": "number"}):
+    with renamed(names={"building": "number"}):
         return tuned, (FloorLink(number, roof + 1, inerter=Inerter(inertance), **ends),)
 
 
@@ -144,7 +144,7 @@ class _FirstMode:
         tuning = 1 / (1 + ratio) if frequency is None else frequency
         damping = jnp.sqrt(3 * ratio / (8 * (1 + ratio))) if damping is None else damping
         tuning, damping = positive(frequency_ratio=tuning, damping_ratio=damping)
-        with renamed(owner, {"mass": "mass_ratio: mass", "period": "frequency_ratio: period"}):
+        with renamed(names={"mass": "mass_ratio: mass", "period": "frequency_ratio: period"}):
             both = Building.from_period(mass + inertance, self.period / tuning, damping, order=1.0)
             top = dataclasses.replace(both, mass=mass)
         storeys, heights = self.frame.storeys, self.frame.heights

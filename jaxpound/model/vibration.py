@@ -97,7 +97,7 @@ def modes(structures: Structures) -> Modes:
     >>> modes.frequencies.round(6).tolist()  # the golden section and its inverse
     [0.618034, 1.618034]
     """
-    linear = _Linear("modes", structures)
+    linear = _Linear(structures)
     undamped = linear.stiffness(1j * linear.steady(0)[0])[0].real
     squares, vectors = np.linalg.eigh(undamped)
     eigenvalues = linear.free(vectors, 1j * np.sqrt(squares))
@@ -120,7 +120,7 @@ def modes(structures: Structures) -> Modes:
 
 def first_frequency(structures: Structures) -> float:
     """Frequency of the steady vibration of the first mode (``Modes``)."""
-    return _Linear("first_frequency", structures).steady(0)[0]
+    return _Linear(structures).steady(0)[0]
 
 
 class _Linear:

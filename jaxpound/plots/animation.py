@@ -44,7 +44,7 @@ def still(
         rule = f"must be within the run, from 0 to {end:.6g}"
         raise InvalidInput("time", str(time), rule)
     ax = house.new_axes(ax)
-    scene = Scene(response, ax, reach, elevations, "still")
+    scene = Scene(response, ax, reach, elevations)
     scene.show(int(np.abs(np.asarray(response.time) - time).argmin()))
     return ax
 
@@ -79,7 +79,7 @@ def animate(
     rule.
     """
     single = isinstance(responses, Response)
-    runs = {"": responses} if isinstance(responses, Response) else same_units("animate", responses)
+    runs = {"": responses} if isinstance(responses, Response) else same_units(responses)
     for response in runs.values():
         _require_scene(response)
     if frames < 2 or not 0 < seconds < np.inf:
@@ -126,7 +126,7 @@ def _panels(
     for i, (name, response) in enumerate(runs.items()):
         ax = panels[str(i)]
         ax.set_title(name, fontsize=house.FONT_SIZE + 1)
-        scenes.append(Scene(response, ax, reach, elevations, "animate"))
+        scenes.append(Scene(response, ax, reach, elevations))
     below = [panels[f"below {i}"] for i in numbers]
     if single:
         response, upper = runs[""], panels["upper"]

@@ -173,7 +173,6 @@ def over_time(
 class Loops(NamedTuple):
     """Forces of rods or links over the elongation or slip of each, by number."""
 
-    owner: str
     group: str
     lengths: Any
     curves: Mapping[int, Curve]
@@ -216,27 +215,27 @@ def run_axes(response: Response, ax: Axes | None) -> Axes:
     if (invalid := np.ravel(~np.isfinite(response.demand.pga))).any():
         several = f"{invalid.sum()} of {invalid.size} runs are"
         subject = several if invalid.size > 1 else "the run is"
-        raise InvalidInput("plots", subject, "", "invalid (NaN)")
+        raise InvalidInput(subject, "", "invalid (NaN)")
     return new_axes(ax)
 
 
 def require_valid(response: Response) -> None:
     """An ``InvalidInput`` for a batch or an invalid run."""
-    require_single(owner, response)
+    require_single(response)
     if not np.isfinite(response.demand.pga):
         raise InvalidInput("the run", "", "is invalid (its results are NaN)")
 
 
-def same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Response]:
-    """The runs, at least one and all in the same units; ``name`` begins the error's message."""
-    instance(name, "responses", responses, Mapping)
+def same_units(responses: Mapping[str, Response]) -> dict[str, Response]:
+    """The runs, at least one and all in the same units."""
+    instance("responses", responses, Mapping)
     if not responses:
-        raise InvalidInput(name, "responses", "", "must hold at least one run")
+        raise InvalidInput("responses", "", "must hold at least one run")
     for run, response in responses.items():
-        instance(name, f"responses[{run!r}]", response, Response)
+        instance(f"responses[{run!r}]", response, Response)
     if len({response.si for response in responses.values()}) > 1:
         rule = "must all be in SI units, or all be dimensionless"
-        raise InvalidInput(name, "responses", "", rule)
+        raise InvalidInput("responses", "", rule)
     return dict(responses)
 
 

@@ -153,7 +153,7 @@ class Explorer:
 
         instance("structures", structures, AdjacentStructures, Buildings)
         instance("ground", ground, Ricker, Record)
-        require_time_unit("Explorer: ground", ground, si=in_si(structures))
+        require_time_unit("ground", ground, si=in_si(structures))
         instance("grid", grid, TimeGrid)
         instance("scheme", scheme, Scheme)
         if any(np.ndim(leaf) for leaf in jax.tree.leaves(structures)):

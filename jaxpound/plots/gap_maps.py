@@ -44,7 +44,7 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     >>> [tick.get_text() for tick in gap_map(run).get_yticklabels()]
     ['1–2, floor 1']
     """
-    curves.same_units("gap_map", {"": response})
+    curves.same_units({"": response})
     if widest is not None:
         (widest,) = positive_number(widest=widest)
     curves.require_valid(response)

@@ -33,7 +33,7 @@ class Scene:
     the first yield of their storey on.
 
     ``reach`` is the largest displacement to leave room for, by default that of the run;
-    ``elevations`` are those of ``row``, and errors begin with ``owner``.
+    ``elevations`` are those of ``row``.
     """
 
     @in_house_style
@@ -43,7 +43,6 @@ class Scene:
         ax: Axes,
         reach: float | None = None,
         elevations: Sequence[Any] | None = None,
-        owner: str = "",
     ) -> None:
         buildings, tuned = stacks(response.topology), response.topology.tuned
         heights = stack_heights(response.topology, elevations)

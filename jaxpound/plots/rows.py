@@ -225,7 +225,7 @@ def _link(
     ax: Axes, link: Link, damper: Damper, places: Mapping[int, Place], slab: float, numbers: Lines
 ) -> None:
     """What is between two floors: a line from the one to the other, and its numbers."""
-    pair = two_ends("row", link.ends)
+    pair = two_ends(link.ends)
     j, i = sorted(pair)  # the ground comes first
     start, up, foot = places[i]
     second = (start, foot, foot) if j == GROUND else places[j]

@@ -98,7 +98,7 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
 @in_house_style
 def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
     """Gaps ξ over time of several runs by name, the first in grey, and the smallest of each."""
-    runs = list(same_units("gaps", responses).values())
+    runs = list(same_units(responses).values())
     for name, response, colour in zip(responses, runs, house.shades(len(runs)), strict=True):
         ax = curves.run_axes(response, ax)
         smallest = house.in_unit(float(np.min(response.min_gap)), "length", response.si)
@@ -214,7 +214,6 @@ def hysteresis(response: Response, kind: str = "rod", numbers: Any = None) -> Fi
 
 def _loops(kind: str, response: Response) -> Loops:
     """The loops of all rods, dampers or contacts."""
-    owner = f"{kind}_hysteresis"
     if kind == "rod":
         lines = curves.of_each(response, "rods", "force", "structure {}")
         words = "elongation", "rod force $f$"
@@ -239,7 +238,7 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     what is lost by contact and stored in it; the line is the input, with the energy at t = 0 of a
     run that does not start at rest. Their difference, also a line, is the residual of the balance.
     """
-    require_single("energy", response)
+    require_single(response)
     ax = curves.run_axes(response, ax)
     terms, time = response.energy, np.asarray(response.time)
     factor, words = series_axis(response, "energy $E$", "energy", [terms.input])
@@ -289,7 +288,7 @@ def side_by_side(
     drawings: Sequence[Drawing] = (ground_motion, displacements, friction_force, gap),
 ) -> Figure:
     """Runs by name as columns, drawings as rows, each row to one scale."""
-    runs = same_units("side_by_side", responses)
+    runs = same_units(responses)
     n = len(runs)
     result = house.new_figure(2 if n < 3 else 0.8 * n, 0.825 * max(len(drawings), 1.2))
     panels = result.subplots(len(drawings), n, squeeze=False)

@@ -184,11 +184,11 @@ def fragility(
 
 def _named(curves: Mapping[str, Fragility]) -> list[tuple[str, str, Fragility]]:
     """Name in the legend and colour of each of several curves."""
-    instance("fragility", "curve", curves, Mapping)
+    instance("curve", curves, Mapping)
     if not curves:
-        raise InvalidInput("fragility", "curve", "{}", "must hold at least one curve")
+        raise InvalidInput("curve", "{}", "must hold at least one curve")
     for name, curve in curves.items():
-        instance("fragility", f"curve[{name!r}]", curve, Fragility)
+        instance(f"curve[{name!r}]", curve, Fragility)
     names = [name for name in curves if name != ANY_LINK]
     shown = zip(house.ends_named(names), house.numbered_colours(len(names)), strict=True)
     named = dict(zip(names, shown, strict=True)) | {ANY_LINK: (ANY_LINK, "ground")}

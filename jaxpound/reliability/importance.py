@@ -25,8 +25,6 @@ from jaxpound.reliability.result import NO_ESTIMATE, RAREST, RareEvent, Samples,
 from jaxpound.scenarios.sampling import Points, as_key, key_numbers, points
 from jaxpound.store.archive import DamagedError, digest, opened, write_archive
 
-OWNER = "rare_event"
-
 BATCH = 256  # runs: sample i is in batch i // 256 on every machine
 _GUARD = 0.1  # share of the samples from the guard
 _SPARSE = 0.1  # share of the guard's density below which that around the design points is thin
@@ -168,7 +166,7 @@ class DesignPointSearch:
                 return DesignPoints(**fields)
         except DamagedError as error:
             damage = f"{_POINTS_FILE} is damaged ({error}); it is made anew"
-            warn(f"store {folder}", [damage], category=UserWarning)
+            warn([f"store {folder}: {damage}"], category=UserWarning)
         except FileNotFoundError:
             pass
         points = self._search()

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound._checks import not_negative, number
-from jaxpound._errors import InvalidInput, warn
+from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._fields import check, parameter, part
 from jaxpound._xla.batches import in_chunks
 from jaxpound.buildings import Buildings
@@ -33,8 +33,6 @@ from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
 from jaxpound.store.store import RunLog, identity, program_digest
 from jaxpound.study.demands import doubts
-
-OWNER = "LimitState"
 
 COMPILING = "compiling the runs"  # what a progress bar says before the first run
 _STRONGER = (3.0, 10.0)  # factors of z for the runs that check a seemingly constant demand
@@ -100,7 +98,8 @@ class LimitState:
             object.__setattr__(self, "threshold", float(self.threshold))
         elif self.demand != REQUIRED_GAP:
             named.require_threshold(self.demand)
-        require_paths(f"{OWNER}: changes", self.nominal, self.changes)
+        with renamed("changes"):
+            require_paths(self.nominal, self.changes)
 
     def __reduce__(self) -> tuple[Any, ...]:  # without compiled programs, which are made anew
         return LimitState, tuple(getattr(self, x.name) for x in dataclasses.fields(self))
@@ -157,7 +156,7 @@ class LimitState:
         """``values``, and the times of the smallest gap; NaN for other demands, shape (n,) each."""
         if np.ndim(z) != 2 or not len(z) or np.shape(z)[1] != self.dimension:
             rule = f"of shape {np.shape(z)} must be of shape (n, {self.dimension}), n at least 1"
-            raise InvalidInput(f"{OWNER}.values", "z", "", rule)
+            raise InvalidInput("z", "", rule)
         demanded, times = self._programs.observed(z, self.changes)
         return demanded - self.level, times
 
@@ -178,7 +177,7 @@ class LimitState:
     ) -> dict[str, np.ndarray]:
         """Derivatives of ``values`` by chosen or all parameters, by path, shape (n,) each."""
         names = tuple(paths(self.nominal) if chosen is None else chosen)
-        require_paths(f"{OWNER}.sensitivities", self.nominal, names)
+        require_paths(self.nominal, names)
         return self._programs.sensitivities(names)(z, self.changes)
 
     @property
@@ -340,7 +339,7 @@ class SearchRuns:
         self._finished: dict[BatchId, np.ndarray] = {}
         if folder is None:
             return
-        kind, numbers = key_numbers("rare_event", key)
+        kind, numbers = key_numbers(key)
         described["key"] = {"kind": kind, "numbers": list(numbers)}
         names = ("demand", "threshold", "changes", "scenarios", "grid", "scheme")
         described |= {name: getattr(state, name) for name in names}

@@ -233,7 +233,7 @@ class RareEvent(Shown):
         weights, values = self.samples.weights, self.samples.values
         hit = self.samples.parts
         rule = "must have at least {} samples, of several values, that reach the limit state"
-        refusal = InvalidInput("RareEvent.slope", "the event", "", rule.format(_FEWEST))
+        refusal = InvalidInput("the event", "", rule.format(_FEWEST))
         if np.count_nonzero(hit) < _FEWEST:
             raise refusal
         order = np.argsort(-values, kind="stable")

@@ -31,8 +31,6 @@ from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
 from jaxpound.scenarios.scenarios import ScenarioSet
 
-OWNER = "subset_simulation"
-
 _PART = 2048  # runs after which a file is written, but for queries of more
 _COLUMNS = ("repeat", "request", "value")
 _ACCEPTANCE = 0.44  # share of accepted moves to which the steps' scale is adapted

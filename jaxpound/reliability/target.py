@@ -21,8 +21,6 @@ from jaxpound.reliability.result import RareEvent, Slope
 from jaxpound.reliability.run import EventSearch, event_of, require_smooth
 from jaxpound.scenarios.scenarios import ScenarioSet
 
-OWNER = "reach_probability"
-
 # What to do about scenarios with discrete numbers.
 WITHOUT_JUMPS = "wavelets have no jumps with negative = 0, records none if there is one"
 _MOST = 12

@@ -172,7 +172,7 @@ def _of_building(
         largest = dict.fromkeys(masses, zero)
         for link, ends in zip(demand.links, topology.links, strict=True):
             if (force := link.peak_contact) is not None:
-                end = two_ends("floors", ends)[side]
+                end = two_ends(ends)[side]
                 if end in largest:
                     largest[end] = jnp.maximum(largest[end], force)
         return stacked(list(largest.values()))

@@ -151,7 +151,7 @@ class _Dimensionless(Composed, GroundDraw):
     time_unit = motion.DIMENSIONLESS
 
     def __post_init__(self) -> None:
-        motion.require_seconds("dimensionless: ground", self.ground)
+        motion.require_seconds("ground", self.ground)
 
     def draw(self, z: Float[Array, " d"]) -> Any:
         return self._drawn(z)[0].dimensionless(self.frequency)

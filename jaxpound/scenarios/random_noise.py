@@ -121,7 +121,7 @@ class FilteredNoise(NoiseDraw):
     high_pass: float | None = parameter(above=0, single=True, optional=True, default=None)
 
     def __post_init__(self) -> None:
-        owner, envelope = "FilteredNoise", self.envelope
+        envelope = self.envelope
         if isinstance(envelope, type) or not (envelope is None or callable(envelope)):
             raise InvalidInput("envelope", repr(envelope), "must be a function of t")
         if not isinstance(self.intensity, Distribution):

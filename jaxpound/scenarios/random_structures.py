@@ -84,7 +84,7 @@ class UncertainStructures:
     @cached_property
     def correlations(self) -> np.ndarray:
         """Correlations of the normal numbers behind the uncertain parameters, shape (d, d)."""
-        owner, uncertain, n = "UncertainStructures", [*self.uncertain], self.dimension
+        uncertain, n = [*self.uncertain], self.dimension
         if self.correlation is None:
             return np.eye(n)
         matrix = np.asarray(real("correlation", self.correlation), float)

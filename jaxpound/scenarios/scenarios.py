@@ -129,7 +129,7 @@ class Scenarios(Composed):
             motion.require_ground("Scenarios: ground", self.ground)
         nominal = getattr(self.structures, "nominal", self.structures)
         if isinstance(nominal, Structures):  # else each run checks the unit of time
-            require_time_unit("Scenarios: ground", self.ground, si=in_si(nominal))
+            require_time_unit("ground", self.ground, si=in_si(nominal))
         if not self.dimension:
             rule = "are both fixed; one must be drawn"
             raise InvalidInput("structures and ground", "", rule)
@@ -204,7 +204,7 @@ def parameter_names(scenarios: ScenarioSet) -> tuple[str, ...]:
     names = keys_in_order(partial(parameters, scenarios), jnp.zeros(scenarios.dimension))
     if len(names) != scenarios.dimension:
         rule = f"must be {scenarios.dimension} different names: one for each z"
-        raise InvalidInput("scenarios", f"the names of parameters, {', '.join(names)},", "", rule)
+        raise InvalidInput(f"scenarios: the names of parameters, {', '.join(names)},", "", rule)
     return names
 
 

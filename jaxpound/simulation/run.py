@@ -125,7 +125,7 @@ def simulate(
     >>> [(phase.kind, round(phase.start, 2)) for phase in response.phases()[:3]]
     [('stick', 0.0), ('slip left', 0.64), ('slip right', 1.19)]
     """
-    owner, case = "simulate", Case(structures, ground, initial)
+    case = Case(structures, ground, initial)
     traceable, grid = case.prepared(grid, scheme, duration, dt, strict)
     balanced = not is_traced(traceable)
     response, residual = _simulate(traceable, program_key(traceable), grid, scheme, balanced)
@@ -182,7 +182,7 @@ def demand(
     >>> float(demand.pounds)
     0.0
     """
-    owner, case = "demand", Case(structures, ground, initial)
+    case = Case(structures, ground, initial)
     traceable, grid = case.prepared(grid, scheme, duration, dt, strict)
     if temperature is not None:
         temperature = number("temperature", temperature)
@@ -240,8 +240,8 @@ class Case(NamedTuple):
         require_local_flow(system, scheme)
         if initial is not None:
             instance("initial", initial, InitialState)
-            enforce("initial", rules(initial))
-            enforce("initial", initial_rules(initial, system, grid.dt))
+            enforce(rules(initial, "initial: "))
+            enforce(initial_rules(initial, system, grid.dt))
         traceable = as_run(ground, scheme.finest(grid), self.gravity)
         if not is_traced((structures, traceable)):
             findings = unseen(ground, grid, strict=strict) + imprecise(system, grid, traceable)

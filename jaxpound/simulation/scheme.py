@@ -152,8 +152,8 @@ def single_system(structures: Any) -> System:
     for rule in rules_of_all:
         if shape := jnp.shape(rule.value):
             says = "must be one number; a batch of structures goes through jax.vmap"
-            raise ValueError(f"{owner}: structures: {rule.name} of shape {shape} {says}")
-    enforce("structures", rules_of_all)
+            raise InvalidInput(f"structures: {rule.name}", "", f"of shape {shape} {says}")
+    enforce(rule._replace(name=f"structures: {rule.name}") for rule in rules_of_all)
     return system
 
 
@@ -208,7 +208,7 @@ def require_stable(structures: Structures, scheme: Scheme, dt: float, place: str
     limit = stability_limit(system, scheme)
     rule = f"must be positive and below the stability limit {limit:.8g}{unit} of these "
     rule += f"structures, set by {stiffest_rod(concrete, limit, scheme, unit)[0]}"
-    raise InvalidInput(f"{place} dt", f"{dt:.8g}{unit}", rule)
+    raise InvalidInput(f"{place} dt".lstrip(), f"{dt:.8g}{unit}", rule)
 
 
 def require_local_flow(system: System, scheme: Scheme) -> None:
@@ -216,7 +216,7 @@ def require_local_flow(system: System, scheme: Scheme) -> None:
     for k, link in enumerate(system.links if scheme.extrapolated else ()):
         if link.contact is not None:
             rule = "must have no contact: impacts leave no error that extrapolation could take out"
-            raise InvalidInput("scheme: extrapolated = True", f"links.{k}", "", rule)
+            raise InvalidInput(f"scheme: extrapolated = True: links.{k}", "", rule)
     if isinstance(scheme.friction, EventResolved) and scheme.start == "rest":
         return
     for group in groups(joints(system)):
@@ -228,7 +228,7 @@ def require_local_flow(system: System, scheme: Scheme) -> None:
             where = f"links.{group[0].link} with {reason}"
             value = f"{scheme.friction} with start {scheme.start!r}"
             rule = f'must be friction EventResolved() and start "rest" for {where}'
-            raise InvalidInput("scheme", "friction", value, rule)
+            raise InvalidInput("scheme: friction", value, rule)
 
 
 def is_stable(system: System, dt: Any, scheme: Scheme) -> Any:

@@ -49,7 +49,7 @@ def run_grid(
     if not records and duration is None:
         rule = "must be stated in s, since the ground motion has no record"
         raise InvalidInput("duration", "None", rule)
-    grid = record_grid(f"{owner}:", structures, scheme, records, duration, dt, strict)
+    grid = record_grid(structures, scheme, records, duration, dt, strict)
     while dt is None and not records and as_motion(ground).unresolved(grid.dt):
         if 2 * grid.n_steps > MOST_STEPS:
             break
@@ -58,33 +58,33 @@ def run_grid(
 
 
 def record_grid(
-    place: str,
     buildings: Buildings,
     scheme: Scheme,
     records: Sequence[Record],
     duration: float | None = None,
     dt: float | None = None,
     strict: bool = False,
+    place: str = "",
 ) -> TimeGrid:
     """The time grid of a run of buildings under records; duration and dt are in s.
 
     By default it is as long as the longest, with steps for the finest; without records the duration
-    is stated. A ``ValueError`` if one of them breaks its rule, whose message starts with ``place``.
+    is stated. An ``InvalidInput``, named by ``place``, if one of them breaks its rule.
     """
     own = min((float(record.dt) for record in records), default=math.inf)
     if duration is None:
         whole = max(float(record.duration) for record in records)
     else:
-        whole = float(number(place.rstrip(":"), "duration", duration))
-        DURATION.require(f"{place} duration", whole)
+        whole = float(number(name := f"{place} duration".lstrip(), duration))
+        DURATION.require(name, whole)
     if dt is None:
         dt = chosen_step(buildings, scheme, whole, own, strict)
     else:
-        dt = float(number(place.rstrip(":"), "dt", dt))
+        dt = float(number(f"{place} dt".lstrip(), dt))
         require_stable(buildings, scheme, dt, place)
         if dt > own * (1 + 1e-9):
             rule = f"at most the record's, {own:.6g} s: samples would be skipped"
-            raise ValueError(f"{place} dt = {dt:.6g} s must be {rule}")
+            raise InvalidInput(f"{place} dt".lstrip(), f"{dt:.6g} s", f"must be {rule}")
     return time_grid(place, whole, dt)
 
 
@@ -118,7 +118,7 @@ def chosen_step(
     part, stiffer = stiffest_rod(buildings.system(), limit, scheme, " s")
     if min(needed / dt, stiffer**0.5) > MOST_SHORTENED:  # steps shorten with the square root
         times = f"{duration / dt:,.0f} steps of {dt:.3g} s are taken, {needed / dt:.0f} times as "
-        warn("dt", [f"{times}many as periods and record need, because of {part}"], strict)
+        warn([f"dt: {times}many as periods and record need, because of {part}"], strict)
     return dt
 
 
@@ -126,5 +126,5 @@ def time_grid(place: str, duration: float, dt: float) -> TimeGrid:
     """The grid of a duration and a step in s, if there are few enough steps."""
     if not 2 * dt <= duration <= MOST_STEPS * dt:
         rule = f"between 2 and {MOST_STEPS:,} steps of dt = {dt:.6g} s"
-        raise ValueError(f"{place} duration = {duration:.6g} s must be {rule}")
+        raise InvalidInput(f"{place} duration".lstrip(), f"{duration:.6g} s", f"must be {rule}")
     return TimeGrid.until(duration, dt)

@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._errors import InvalidInput, warn
+from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._version import __version__
 from jaxpound.store import archive
 
@@ -70,7 +70,8 @@ class Store:
         folder holds something else, or another study (the message says what differs).
         """
         folder, identity = Path(folder), json.loads(json.dumps(identity))
-        _check_identity(f"store {folder}", identity)
+        with renamed(owner=f"store {folder}"):
+            _check_identity(identity)
         with _writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             if not os.path.lexists(folder / MANIFEST):
@@ -146,7 +147,7 @@ class Store:
         if damaged:
             more = f"; and {len(damaged) - _SHOWN:,} more" if len(damaged) > _SHOWN else ""
             message = f"{'; '.join(damaged[:_SHOWN])}{more}; {consequence}"
-            warn(f"store {self.folder}", [message], category=UserWarning)
+            warn([f"store {self.folder}: {message}"], category=UserWarning)
 
     def has(self, chunk: int) -> bool:
         """Whether there is a file for a chunk."""
@@ -232,7 +233,8 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise ValueError(f"{owner}: {rule} it: {advice}")
     if not intact:
         raise ValueError(f"{owner}: {MANIFEST} is damaged (its checksum is wrong)")
-    _check_identity(content.get("identity"))
+    with renamed(owner=owner):
+        _check_identity(content.get("identity"))
     return content
 
 

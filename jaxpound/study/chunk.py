@@ -122,7 +122,6 @@ class Task:
         more = {name: f(structures, ground) for name, f in self.measures.items()}
         if self.keep_parameters:
             more |= sets.parameters(self.scenarios, z)
-        owner = "monte_carlo"
         for name, x in more.items():
             if name in columns:
                 raise InvalidInput(repr(name), "", "is the name of a demand; rename it")
@@ -186,7 +185,7 @@ class Task:
         reason = refusal(lambda: demand(*self.scenarios.realize(point), self.grid, self.scheme))
         reason = reason or next(f"{name} is not finite" for name in valid if not valid[name][first])
         rule = f"fails: {reason}; keep_failures=True leaves failed runs out"
-        raise InvalidInput("monte_carlo", f"scenario {rows[first]}", "", rule)
+        raise InvalidInput(f"scenario {rows[first]}", "", rule)
 
 
 def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:

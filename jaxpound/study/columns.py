@@ -114,7 +114,7 @@ class DemandColumns(Columnar, Shown):
         """The name of an existing column; an ``InvalidInput`` for any other name."""
         if name not in self._moments:
             rule = f"must be one of {', '.join(self._moments)}"
-            raise InvalidInput("Study", f"column {name!r}", "", rule)
+            raise InvalidInput(f"column {name!r}", "", rule)
         return name
 
     def _read(self, *names: str) -> np.ndarray:
@@ -150,7 +150,7 @@ class DemandColumns(Columnar, Shown):
             the samples are concentrated on the event. Moments and fragilities are always
             normalised.
         """
-        owner, curve = "Study.weighted", getattr(weights, "curve", None)
+        curve = getattr(weights, "curve", None)
         if isinstance(weights, str):
             column = self._moments[self._column(weights)]
             if column.n != len(self) - self.failed:

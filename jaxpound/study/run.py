@@ -200,7 +200,6 @@ def _parts_in_memory(columns: Sequence[Columns], *names: str) -> list[np.ndarray
 
 
 def _check(scenarios: Any, n: Any, scheme: Any, sampling: Any, measures: Any) -> None:
-    owner = "monte_carlo"
     instance("scenarios", scenarios, ScenarioSet)
     count("scenarios.dimension", scenarios.dimension)
     instance("scheme", scheme, Scheme)
@@ -224,13 +223,12 @@ def _chunks_of_shard(shard: Any, task: Task, in_memory: bool) -> range:
     elif shard[0] > len(chunks):
         rule = f"must leave a chunk for each shard: the study has {len(chunks)}"
     if rule:
-        raise InvalidInput("monte_carlo", "shard", repr(shard), rule)
+        raise InvalidInput("shard", repr(shard), rule)
     return chunks[shard[0] - 1 :: shard[1]]
 
 
 def _context(task: Task, notes: Any) -> dict[str, Any]:
     """Notes and, at z = 0, the topology and (of a pair) period and damping ratio of each block."""
-    owner = "monte_carlo"
     try:
         json.dumps(notes, allow_nan=False)
     except (TypeError, ValueError) as error:

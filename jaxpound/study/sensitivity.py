@@ -109,7 +109,7 @@ def sobol_sensitivity(
         raise InvalidInput(demand, "", f"must be finite, but there is no {missing}")
     if failed := np.count_nonzero(~np.isfinite(demands)):
         fault = f"{failed} of {demands.size} scenarios fail; monte_carlo gives the reason"
-        raise ValueError(f"{owner}: {fault}")
+        raise InvalidInput("", "", fault)
     if not np.ptp(demands):
         raise InvalidInput(demand, f"{demands[0]:.8g}", "must vary, but does not")
 

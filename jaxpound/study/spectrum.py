@@ -89,7 +89,7 @@ def inelastic_spectrum(
     6.7 2.4
     """
     instance("record", record, Record)
-    require_seconds(f"{owner}: record", record)
+    require_seconds("record", record)
     if (strength is None) == (ductility is None):
         raise InvalidInput("strength and ductility", "", "must be one of them, not both")
     if _checks.is_traced((periods, damping, record.dt)):
@@ -109,7 +109,7 @@ def inelastic_spectrum(
     ]
     enforce(checks)
     shortest = Buildings.of((_oscillator(np.min(period), zeta),))
-    grid = record_grid(f"{owner}:", shortest, Scheme(), [record], dt=dt)
+    grid = record_grid(shortest, Scheme(), [record], dt=dt)
     spectrum = _spectrum(record, jnp.asarray(period), level, zeta, alpha, grid, strength is None)
     return jax.tree.map(lambda y: jnp.where(all_hold(checks), y, jnp.nan), spectrum)
 

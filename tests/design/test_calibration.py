@@ -94,7 +94,7 @@ test_bad_calibrations_are_named = refusals(
     ({"measured": {"x1": np.r_[0.0, np.full(280, np.nan)]}}, "measured = 1 must be more"),
     ({"noise": {"a2": 0.1}}, "noise lacks 'x1'"),
     ({"noise": {"x1": 0.0, "a2": 1.0}}, r"noise\['x1'\] = 0 must be positive"),
-    ({"start": {"friction": 2.0}}, "calibrate: start: DesignSpace: design lacks 'rod_1.order'"),
+    ({"start": {"friction": 2.0}}, "calibrate: start: design lacks 'rod_1.order'"),
     ({"confidence": 1.0}, "confidence = 1 must be between 0 and 1"),
     ({"starts": 0}, "starts = 0 must be a positive"),
     ({"noise": {"x1": "a", "a2": 1.0}}, r"noise\['x1'\] = 'a' must be a real number"),
@@ -153,7 +153,7 @@ def test_a_storey_of_a_building_is_calibrated_where_it_was_measured():
 test_wrong_calibrations_are_refused = refusals(
     (ROD, PATH, FORCE[1:], r"forces of shape \(160,\) must be \(161,\)"),
     (ROD, PATH, FORCE, 1, "rod = 1 must be the number of a rod"),
-    (ROD, PATH + np.nan, FORCE, "cyclic_test: displacements = nan .* must be finite"),
+    (ROD, PATH + np.nan, FORCE, "calibrate_cyclic: displacements = nan .* must be finite"),
     (SPACE, PATH, FORCE, "law = None must be of type HysteresisLaw"),
     of=jp.calibrate_cyclic,
 )

@@ -269,7 +269,7 @@ def _modes_for(n_steps: int, tolerance: float) -> int:
     while not enough(modes):
         if modes == _MOST_MODES:
             rule = f"cannot be kept over n_steps = {n_steps} with {_MOST_MODES} modes"
-            raise InvalidInput("ModalHistory", "tolerance", str(tolerance), rule)
+            raise InvalidInput("tolerance", str(tolerance), rule)
         modes += 1
     while modes > 1 and enough(modes - 1):  # of a guess that was too many
         modes -= 1
