@@ -36,8 +36,8 @@ def _is_of_command_line(frame: FrameType | None) -> bool:
 def caller() -> str:
     """The function or method that the user called, or the class of an object that is being made.
 
-    Of functions that call each other it is the outermost, of constructors the innermost, whose
-    arguments break a rule; of the command line it is the command.
+    Of functions that call each other it is the outermost, of constructors of public classes the
+    innermost, whose arguments break a rule; of the command line it is the command.
     """
     owner = ""
     for frame in _calls():
@@ -45,14 +45,22 @@ def caller() -> str:
         cls, _, name = code.co_qualname.rpartition(".")
         if argument in (["self"], ["cls"]):  # by the object: a method may be inherited
             obj = frame.f_locals[argument[0]]
-            cls = (obj if isinstance(obj, type) else type(obj)).__name__
+            kind = obj if isinstance(obj, type) else type(obj)
+            cls = kind.__name__
+            if name == "__post_init__" and _is_public(kind):
+                return cls
         if "<" in code.co_qualname or cls.startswith("_"):
             continue
-        if name == "__post_init__":
-            return cls
         if not name.startswith("_") or name.startswith("__"):
             owner = cls if name.startswith("__") else f"{cls}.{name}".lstrip(".")
     return _COMMAND if _is_of_command_line(frame.f_back) else owner
+
+
+def _is_public(cls: type) -> bool:
+    """Whether a class is the user's own, or a name of the package or one of its wings."""
+    package, wing = (cls.__module__.split(".")[:n] for n in (1, 2))
+    listed = (getattr(sys.modules[".".join(x)], "__all__", ()) for x in (package, wing))
+    return package != ["jaxpound"] or any(cls.__name__ in names for names in listed)
 
 
 class InvalidInput(ValueError):  # noqa: N818  (its name says what is wrong)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import instance, refusal
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._xla.batches import in_chunks
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.goals import LeastDemand, PoundingProbability
@@ -95,6 +95,11 @@ class DesignProblem:
         single_system(nominal)
         require_time_unit("ensemble", self.ensemble, si=self.si)
         self.space.require_certain(self.ensemble.uncertain)
+        with renamed("objective"):
+            self._require_objective()
+
+    def _require_objective(self) -> None:
+        """An ``InvalidInput`` for an objective that is not one of these structures."""
         objective, goal = self.objective, self.objective.goal
         of_goal = [goal.demand] if isinstance(goal, LeastDemand) else []
         named: dict[str, Any] = {"penalties": objective.penalties, "limits": objective.limits}
