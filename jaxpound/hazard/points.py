@@ -16,7 +16,7 @@ from scipy import special
 
 from jaxpound import _checks
 from jaxpound._checks import Rule, did_you_mean, enforce, positive_number, real
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound.ground.measure import Measure, units_like
 
 LEAST_RATE = 1e-100  # smaller annual rates are rounding errors of the program that wrote them
@@ -195,7 +195,11 @@ def read_hazard(
     file: str | PathLike[str], site: int | str | None, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """Fields of ``HazardCurve.read``, with rows of sites counted from ``first``."""
-    path = Path(file)
+    with renamed(str(file)):
+        return _read(Path(file), site, first)
+
+
+def _read(path: Path, site: int | str | None, first: int) -> tuple[np.ndarray, np.ndarray, str]:
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     header = lines[0] if lines and lines[0].startswith("#") else ""
     rows = [row for row in csv.reader(lines[bool(header) :]) if any(row)]
