@@ -42,8 +42,9 @@ def bare(n):
     return jp.runtime.in_chunks(run), np.arange(n, dtype=np.uint32)
 
 
-def study(n, folder, **more):
-    return jp.monte_carlo(scenarios(), n, GRID, store=folder, progress=False, **more)
+def study(n, folder, chunk_size=None, **more):
+    storage = jp.Storage(folder, chunk_size=chunk_size)
+    return jp.monte_carlo(scenarios(), n, GRID, store=storage, progress=False, **more)
 
 
 def peak():

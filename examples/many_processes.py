@@ -8,9 +8,9 @@ first process), the number of processes and each one's number from 0:
 
 Under a launcher that JAX knows (Slurm, Open MPI, a TPU pod) ``jax.distributed.initialize()`` needs
 no arguments. Every process holds its part of the batch; sums over it go from machine to machine
-within the compiled program. (Where chunks need not talk to each other, ``monte_carlo`` with
-``shard=(jax.process_index() + 1, jax.process_count())`` and a common store does without, over the
-devices of each process.)
+within the compiled program. (Where chunks need not talk to each other, ``monte_carlo`` does without
+it, over the devices of each process, with a ``Storage`` that has a common folder and
+``shard=(jax.process_index() + 1, jax.process_count())``.)
 """
 
 import sys

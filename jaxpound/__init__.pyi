@@ -38,6 +38,7 @@ from .ground import pga as pga
 from .ground import read_record as read_record
 from .ground import read_suite as read_suite
 from .ground import spectral_acceleration as spectral_acceleration
+from .hazard import Analysis as Analysis
 from .hazard import HazardCurve as HazardCurve
 from .hazard import cloud_analysis as cloud_analysis
 from .hazard import incremental_dynamic_analysis as incremental_dynamic_analysis
@@ -101,6 +102,7 @@ from .simulation import Smoothed as Smoothed
 from .simulation import demand as demand
 from .simulation import simulate as simulate
 from .simulation import stability_limit as stability_limit
+from .study import Storage as Storage
 from .study import Study as Study
 from .study import asce_7_gap as asce_7_gap
 from .study import cyclic_test as cyclic_test

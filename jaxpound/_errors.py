@@ -122,7 +122,8 @@ def resumable(argument: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
                 if stop.args:  # of a function within this one
                     raise
                 kept = f"nothing is kept, as there is no {argument}"
-                if (path := kwargs.get(argument)) is not None:
+                path = kwargs.get(argument)
+                if (path := getattr(path, "folder", path)) is not None:  # of a ``Storage``
                     kept = f"what was finished is kept in {path}, and the same call goes on"
                 raise KeyboardInterrupt(f"{function.__name__}: interrupted; {kept}") from None
 

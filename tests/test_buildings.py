@@ -126,8 +126,8 @@ def test_masses_and_stiffnesses_are_differentiated_and_batched_in_any_precision(
 def test_a_study_is_in_si(tmp_path):
     uncertain = {"links.0.friction": jp.Uniform(50e3, 150e3)}
     scenarios = jp.Scenarios(jp.UncertainStructures(PAIR, uncertain), random_ground())
-    options = {"progress": False, "keep_parameters": True, "store": tmp_path / "study"}
-    study = jp.monte_carlo(scenarios, 48, GRID, key=3, **options)
+    storage = jp.Storage(tmp_path / "study", keep_parameters=True)
+    study = jp.monte_carlo(scenarios, 48, GRID, key=3, store=storage, progress=False)
     row, scales, grid = scaled(PAIR)
     uncertain = {"links.0.friction": jp.Uniform(50e3 / scales.force, 150e3 / scales.force)}
     scenarios = jp.Scenarios(jp.UncertainStructures(row, uncertain), random_ground(scales))
@@ -209,7 +209,8 @@ def test_a_design_has_bounds_and_limits_in_newtons_and_metres():
 
 def test_runs_of_a_suite_are_those_of_the_dimensionless_form():
     records = [RECORD, jp.Record(1.5 * RECORD.samples[::-1], 0.02, "backwards")]
-    stripes = jp.multiple_stripes(POUNDING, records, GRID, intensities=[0.1, 0.3], progress=False)
+    analysis = jp.Analysis(POUNDING, records, GRID)
+    stripes = jp.multiple_stripes(analysis, [0.1, 0.3], progress=False)
     row, scales, grid = scaled(PAIR)
     for pga, closings in zip(stripes.intensities, stripes.demands, strict=True):
         for record, closing in zip(records, closings, strict=True):

@@ -71,8 +71,8 @@ import jaxpound as jp
 jax.config.update("jax_num_cpu_devices", 2)
 exec(Path("examples/many_processes.py").read_text().replace("RUNS = 8192", "RUNS = 1024"))
 shard = (jax.process_index() + 1, jax.process_count())
-more = {"chunk_size": 64, "progress": False, "store": sys.argv[4], "shard": shard}
-print(len(jp.monte_carlo(SCENARIOS, 256, jp.TimeGrid(0.1, 40), **more)))
+store = jp.Storage(sys.argv[4], chunk_size=64, shard=shard)
+print(len(jp.monte_carlo(SCENARIOS, 256, jp.TimeGrid(0.1, 40), store=store, progress=False)))
 """.replace("SCENARIOS", SCENARIOS)
 """The documented script, with fewer runs, and a study of which each process makes a part."""
 

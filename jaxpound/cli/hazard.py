@@ -217,7 +217,7 @@ def of_study(
         curve = study.fragility(column, table.gap, link=link)
     numbers: Any = {"median": curve.median / factor, "intensity": curve.intensity / factor}
     words = str(dataclasses.replace(study_measure, unit=measure.unit))
-    curve = dataclasses.replace(curve, **numbers, unit=measure.unit, measure=words)
+    curve = dataclasses.replace(curve, **numbers, measure=words)
     with named(place_of_hazard):
         rate = hazard.annual_rate_of(curve, results.confidence)
     words = str(dataclasses.replace(measure, unit=study_measure.unit))

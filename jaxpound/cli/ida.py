@@ -148,17 +148,20 @@ def analysed(
     grid = record_grid(buildings, *options, place=f"{file.name}: [run]")
     period = ladder.period or max(natural_periods(buildings))
     with named(f"{file.name}: [ida]"):
-        return jp.incremental_dynamic_analysis(
+        analysis = jp.Analysis(
             buildings,
             suite,
             grid,
-            intensities=np.array(ladder.intensities),
             measure="pga" if ladder.measure == "pga" else period,
             demand=ladder.demand,
             threshold=ladder.threshold,
-            refine=ladder.refine,
             scheme=run.scheme,
             strict=strict,
+        )
+        return jp.incremental_dynamic_analysis(
+            analysis,
+            ladder.intensities,
+            refine=ladder.refine,
             store=store,
             progress=sys.stderr.isatty(),
         )

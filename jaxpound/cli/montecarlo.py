@@ -56,6 +56,15 @@ def run(args: argparse.Namespace) -> None:
         for i, period in enumerate(natural_periods(config.buildings), 1):
             name = str(Measure.spectral_acceleration(period, SI["time"], SI["acceleration"]))
             measures[f"spectral_acceleration_{i}"] = SpectralAcceleration(name, period, grid)
+    storage = jp.Storage(
+        args.store,
+        chunk_size=options.chunk_size,
+        measures=measures,
+        keep_parameters=True,
+        keep_failures=options.keep_failures,
+        notes={"configuration": file.text},
+        shard=(int(shard[1]), int(shard[2])),
+    )
     study = jp.monte_carlo(
         scenarios,
         options.samples if args.samples is None else args.samples,
@@ -63,13 +72,7 @@ def run(args: argparse.Namespace) -> None:
         config.run.scheme,
         options.seed,
         sampling=options.sampling,
-        store=args.store,
-        chunk_size=options.chunk_size,
-        measures=measures,
-        keep_parameters=True,
-        keep_failures=options.keep_failures,
-        notes={"configuration": file.text},
-        shard=(int(shard[1]), int(shard[2])),
+        store=storage,
         strict=args.strict,
         progress=sys.stderr.isatty(),
     )

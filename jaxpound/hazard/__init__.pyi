@@ -1,3 +1,4 @@
+from .analysis import Analysis as Analysis
 from .annual_rate import AnnualRate as AnnualRate
 from .annual_rate import Deaggregation as Deaggregation
 from .capacities import fit_capacities as fit_capacities

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from os import PathLike
-from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -12,15 +11,11 @@ from jaxtyping import ArrayLike
 from jaxpound._checks import Rule, array, enforce, positive, positive_number
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
-from jaxpound.buildings import Buildings
-from jaxpound.grid import TimeGrid
-from jaxpound.ground.suite import as_suite
+from jaxpound.hazard.analysis import Analysis, single_suite
 from jaxpound.hazard.capacities import CensoredRegression, regression
-from jaxpound.hazard.suite_runs import Analysis, SuiteRuns
+from jaxpound.hazard.suite_runs import SuiteRuns
 from jaxpound.model.topology import Topology
 from jaxpound.results import named
-from jaxpound.results.named import REQUIRED_GAP, DemandSpec
-from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.fragility import Fragility
 
 _LEAST_SIGMA = 1e-9  # below it σ is the rounding of a power law
@@ -162,40 +157,26 @@ def fit_cloud(
 
 @resumable("store")
 def cloud_analysis(
-    structures: Buildings,
-    records: Any,
-    grid: TimeGrid | None = None,
+    analysis: Analysis,
     *,
-    measure: Any = "pga",
-    demand: DemandSpec = REQUIRED_GAP,
-    threshold: float | None = None,
     limit: float | None = None,
-    scheme: Scheme = Scheme(),
-    strict: bool = False,
     store: str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> Cloud:
-    """The demand of each unscaled record, and its regression on intensity.
+    """The demand of each unscaled record of an analysis, and its regression on intensity.
 
-    Raises ``ValueError`` as ``incremental_dynamic_analysis`` and ``fit_cloud``.
-
-    Parameters
-    ----------
-    structures, records, grid, measure, demand, threshold, scheme, strict, store, progress
-        As of ``incremental_dynamic_analysis``; ``threshold`` > 0, and needed where the gaps at rest
-        of several links differ.
-    limit
-        See ``fit_cloud``; in the demand's unit.
+    The records are of one suite; the threshold is positive, and needed where the gaps at rest of
+    several links differ. ``limit``, in the demand's unit, is as of ``fit_cloud``, ``store`` and
+    ``progress`` as of ``incremental_dynamic_analysis``, and so are errors.
     """
-    if threshold is not None:
-        positive_number(threshold=threshold)
-    options = grid, measure, demand, threshold, scheme, strict
-    analysis = Analysis(structures, as_suite(records), *options)
-    level, name, words, topology = analysis.about
+    level, name, words, topology = single_suite(analysis).about
     if name == named.OVERLAP:
         rule = "must be a gap: those at rest of the links differ, and overlaps have no logarithm"
         raise InvalidInput("threshold", "None", rule)
-    im, runs = analysis.intensity.unscaled, SuiteRuns(analysis, store, progress)
+    if analysis.threshold is not None:
+        positive_number(threshold=analysis.threshold)
+    im = analysis.unscaled
+    runs = SuiteRuns(analysis, im, store, progress)
     with runs.bar:
         demands, _ = runs.run(np.arange(len(im)), im)
     cloud = fit_cloud(im, demands, limit, measure=words)

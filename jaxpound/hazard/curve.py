@@ -173,7 +173,8 @@ class HazardCurve(Shown):
                 rule = "must be None: pounding is not a study"
                 raise InvalidInput(name, repr(value), rule)
         if isinstance(pounding, Fragility):
-            _require_measure(self.measure, "the fragility", pounding.measured)
+            measure = Measure.of_text(pounding.measure)
+            _require_measure(self.measure, "the fragility", measure)
             return FragilityRate(self._points, pounding, self.measure).annual_rate(confidence)
         often = float(self.annual_rate[0])
         if isinstance(pounding, Study | RareEvent) and not drawn:

@@ -13,15 +13,12 @@ from jaxtyping import ArrayLike, Float
 from jaxpound._checks import Rule, enforce, hint, number
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
-from jaxpound.buildings import Buildings
-from jaxpound.grid import TimeGrid
-from jaxpound.ground.suite import as_suite
+from jaxpound.hazard.analysis import Analysis, single_suite
 from jaxpound.hazard.capacities import fit_capacities
 from jaxpound.hazard.stripes import Stripes
-from jaxpound.hazard.suite_runs import Analysis, SuiteRuns, rising_intensities
+from jaxpound.hazard.suite_runs import SuiteRuns, rising_intensities
 from jaxpound.model.topology import Topology
-from jaxpound.results.named import REQUIRED_GAP, DemandSpec, demand_in_words, event_in_words
-from jaxpound.simulation.scheme import Scheme
+from jaxpound.results.named import demand_in_words, event_in_words
 from jaxpound.study.fragility import Fragility
 
 FRACTILES = (0.16, 0.5, 0.84)  # shares of the records: the median and about ±β
@@ -102,18 +99,11 @@ class IncrementalDynamicAnalysis(Shown):
 
 @resumable("store")
 def incremental_dynamic_analysis(
-    structures: Buildings,
-    records: Any,
-    grid: TimeGrid | None = None,
+    analysis: Analysis,
+    intensities: ArrayLike | Sequence[float],
     *,
-    intensities: ArrayLike,
-    measure: Any = "pga",
-    demand: DemandSpec = REQUIRED_GAP,
-    threshold: float | None = None,
     refine: str = "bisection",
     tolerance: float = 1e-3,
-    scheme: Scheme = Scheme(),
-    strict: bool = False,
     store: str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> IncrementalDynamicAnalysis:
@@ -127,54 +117,32 @@ def incremental_dynamic_analysis(
 
     Parameters
     ----------
-    structures
-        ``Buildings``.
-    records
-        A ``RecordSuite`` or several records, in g and s.
-    grid
-        The instants of all runs; by default as long as the longest record, its step chosen for the
-        record with the shortest interval.
+    analysis
+        Buildings, records of one suite, and the demand with its threshold.
     intensities
         Intensities > 0, rising, shape (k,).
-    measure
-        The measure of intensity: "pga" (in g); a natural period, s, for the spectral acceleration
-        at 5 % of damping (in g); or the intensity of each unscaled record, shape (n,) (ones make it
-        the factor), which must be proportional to its factor.
-    demand
-        See ``LimitState``.
-    threshold
-        A record reaches it if the demand is at least as large; in SI units. None, for the required
-        gap only, is pounding: the gap at rest of all links. Where they differ, the demand is the
-        overlap, the largest −ξ of any link, and the threshold 0.
     refine
         "bisection", with as many points in each bracket as fill the batch, or "newton", with the
         derivative by the intensity: fewer runs, and another program to compile.
     tolerance
         Width of the last bracket, or size of the last step of Newton's method, over the capacity.
-    scheme, strict, progress
-        See ``monte_carlo``.
     store
         A folder that keeps finished runs, by record and factor: after an interruption the same call
         continues from them, and its result is the same. A call with other intensities, or another
         measure, threshold, ``refine`` or ``tolerance``, runs only what is missing. It is for one
         process at a time. Damaged files are named in a warning, and their runs are repeated.
+    progress
+        Whether to show a progress bar.
 
     Raises
     ------
     ValueError
-        If an argument breaks its rule; if records are not in s, or together need too many steps; if
-        the demand is unknown, or a record reaches the threshold without shaking. If the store holds
-        another analysis, with what differs.
+        If an argument breaks its rule; if a record reaches the threshold without shaking; if the
+        store holds another analysis, with what differs.
     FloatingPointError
         If a run ends in numbers that are not finite; the message names record and intensity.
     OSError
         If the store cannot be written to.
-
-    Warns
-    -----
-    PlausibilityWarning
-        If the grid does not resolve a record, or a scaled record has a PGA above 5 g; if contact is
-        run in single precision.
 
     Examples
     --------
@@ -183,10 +151,8 @@ def incremental_dynamic_analysis(
     >>> pair = jp.Buildings((left, right), (jp.FloorLink(0, 0, gap=0.05),))
     >>> t = 0.02 * np.arange(300)
     >>> burst = [0.1 * np.sin(w * t) * np.exp(-((t - 3) ** 2)) for w in (7.0, 9.0, 11.0)]
-    >>> suite = jp.RecordSuite([jp.Record(a, dt=0.02) for a in burst])
-    >>> ida = jp.incremental_dynamic_analysis(
-    ...     pair, suite, intensities=[0.1, 0.2, 0.4, 0.8], progress=False
-    ... )
+    >>> analysis = jp.Analysis(pair, [jp.Record(a, dt=0.02) for a in burst])
+    >>> ida = jp.incremental_dynamic_analysis(analysis, [0.1, 0.2, 0.4, 0.8], progress=False)
     >>> [round(float(x), 3) for x in ida.capacities]  # g
     [0.061, 0.066, 0.108]
     >>> curve = ida.fragility()
@@ -199,10 +165,8 @@ def incremental_dynamic_analysis(
         raise InvalidInput("", "", rule)
     tolerance = float(number("tolerance", tolerance))
     enforce([Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "from 1e-9 to below 1")])
-    suite, options = as_suite(records), (measure, demand, threshold, scheme, strict)
-    analysis = Analysis(structures, suite, grid, *options, levels[-1])
-    runs = SuiteRuns(analysis, store, progress)
-    n, with_zero = len(suite), np.append(0.0, levels)
+    runs = SuiteRuns(single_suite(analysis), levels[-1], store, progress)
+    n, with_zero = len(analysis.suite), np.append(0.0, levels)
     with runs.bar:
         demands, _ = runs.run(np.repeat(np.arange(n), with_zero.size), np.tile(with_zero, n))
         demands = demands.reshape(n, -1)
@@ -213,8 +177,8 @@ def incremental_dynamic_analysis(
         brackets = Brackets.of(with_zero, excess)
         capacities = _REFINEMENTS[refine](runs, brackets, tolerance, demands.size)
         runs.bar.set_postfix_str(f"{n} of {n} records")
-    numbers = analysis.intensity.unscaled, levels, demands[:, 1:], capacities
-    return IncrementalDynamicAnalysis(suite.names, *numbers, *analysis.about)
+    numbers = analysis.unscaled, levels, demands[:, 1:], capacities
+    return IncrementalDynamicAnalysis(analysis.suite.names, *numbers, *analysis.about)
 
 
 @dataclasses.dataclass

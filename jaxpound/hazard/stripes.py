@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from os import PathLike
-from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike
 
+from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
-from jaxpound.buildings import Buildings
-from jaxpound.grid import TimeGrid
-from jaxpound.ground.record import Record, derived
-from jaxpound.ground.suite import RecordSuite, as_suite
-from jaxpound.hazard.suite_runs import Analysis, SuiteRuns, rising_intensities
+from jaxpound.hazard.analysis import Analysis
+from jaxpound.hazard.suite_runs import SuiteRuns, rising_intensities
 from jaxpound.model.topology import Topology
-from jaxpound.results.named import REQUIRED_GAP, DemandSpec, demand_in_words, event_in_words
-from jaxpound.simulation.scheme import Scheme
+from jaxpound.results.named import demand_in_words, event_in_words
 from jaxpound.study.fragility import Fragility, falls, fit_fragility
 
 
@@ -68,53 +63,30 @@ class Stripes(Shown):
 
 @resumable("store")
 def multiple_stripes(
-    structures: Buildings,
-    records: Any,
-    grid: TimeGrid | None = None,
+    analysis: Analysis,
+    intensities: ArrayLike | Sequence[float],
     *,
-    intensities: ArrayLike,
-    measure: Any = "pga",
-    demand: DemandSpec = REQUIRED_GAP,
-    threshold: float | None = None,
-    scheme: Scheme = Scheme(),
-    strict: bool = False,
     store: str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> Stripes:
-    """The demands of records scaled to each of several intensities.
+    """The demands of records scaled to each of several intensities, > 0, rising, shape (k,).
 
-    Its ``fragility()`` is fitted to the counts. Raises ``ValueError`` as
-    ``incremental_dynamic_analysis``; if the numbers of suites and intensities differ.
-
-    Parameters
-    ----------
-    records, intensities
-        A suite for all intensities > 0, rising, shape (k,), or a list with one for each of them.
-    structures, grid, measure, demand, threshold, scheme, strict, store, progress
-        As of ``incremental_dynamic_analysis``; ``measure`` of several suites is "pga" or a period.
+    The analysis has one suite of records for all intensities, or a list with one for each. The
+    result's ``fragility()`` is fitted to the counts. ``store`` and ``progress`` are as of
+    ``incremental_dynamic_analysis``, and so are errors; it also raises ``ValueError`` if the
+    numbers of suites and intensities differ.
     """
+    instance("analysis", analysis, Analysis)
     levels = rising_intensities(intensities)
-    several = isinstance(records, Sequence) and all(isinstance(x, RecordSuite) for x in records)
-    suites = [*records] if several else [as_suite(records)] * levels.size
-    if len(suites) != levels.size:
+    numbers = analysis.numbers * levels.size if len(analysis.numbers) == 1 else analysis.numbers
+    if len(numbers) != levels.size:
         rule = f"must be {levels.size}, one an intensity"
-        raise InvalidInput(f"{len(suites)} suites", "", rule)
-    sizes = [len(suite) for suite in suites]
-    numbers: dict[int, int] = {}
-    different: dict[str, Record] = {}  # each with a name of its own
-    for record in itertools.chain(*suites):
-        if id(record) not in numbers:
-            numbers[id(record)], name = len(different), record.name
-            while name in different:
-                name += ", another"
-            same = {"doubts": record.doubts, "measured": record.measured}
-            different[name] = derived(record.samples, record.dt, name, record.time_unit, **same)
-    rows = np.array([numbers[id(record)] for record in itertools.chain(*suites)])
-    at, highest = np.repeat(levels, sizes), np.zeros(len(different))
+        raise InvalidInput(f"{len(numbers)} suites", "", rule)
+    sizes = [len(suite) for suite in numbers]
+    rows, at = np.concatenate(numbers), np.repeat(levels, sizes)
+    highest = np.zeros(len(analysis.suite))
     np.maximum.at(highest, rows, at)
-    options = grid, measure, demand, threshold, scheme, strict, highest
-    analysis = Analysis(structures, RecordSuite(tuple(different.values())), *options)
-    runs = SuiteRuns(analysis, store, progress)
+    runs = SuiteRuns(analysis, highest, store, progress)
     with runs.bar:
         demands, _ = runs.run(rows, at)
     return Stripes(levels, tuple(np.split(demands, np.cumsum(sizes)[:-1])), *analysis.about)

@@ -18,7 +18,6 @@ from jaxpound.results.named import kind_and_symbol
 from jaxpound.study.fragility import ANY_LINK, Fragility
 from jaxpound.study.gaps import RULES
 from jaxpound.study.sensitivity import Sensitivity
-from jaxpound.study.statistics import probability
 from jaxpound.study.study import Study
 from jaxpound.study.weighting import Hits
 
@@ -79,7 +78,7 @@ def convergence(study: Study, ax: Axes | None = None, gap: float | None = None) 
     sizes = np.unique(np.geomspace(min(10, pounding.size), pounding.size, _POINTS).astype(int))
     weights = _weights(study, "pga")
     hits = [Hits.of(pounding[:n], weights[:n]) for n in sizes]
-    value, low, high = np.array([study._estimate(x)[:3] for x in hits]).T
+    value, low, high = np.array([x.estimate(study.normalised)[:3] for x in hits]).T
     ax.fill_between(sizes, low, high, label="95 % interval", **shade("damper"))
     ax.plot(sizes, value, color=COLOURS["damper"], label="estimate")
     ax.set_xscale("log")
@@ -101,7 +100,8 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
     more = np.unique(np.geomspace(1, n, _POINTS).astype(int))  # counts of exceedance
     gaps = ranked[n - more]
     weights = _weights(study, "required_gap")[order]
-    estimates = np.array([study._estimate(Hits.of(ranked >= x, weights))[:3] for x in gaps])
+    hits = [Hits.of(ranked >= gap, weights) for gap in gaps]
+    estimates = np.array([x.estimate(study.normalised)[:3] for x in hits])
     ax.plot(gaps, estimates[:, 0], color=COLOURS["damper"], label="estimate")
     ax.fill_between(gaps, *estimates[:, 1:].T, label="95 % interval", **shade("damper"))
     ax.set_yscale("log")
@@ -143,7 +143,7 @@ def fragility(
     """
     single = isinstance(curve, Fragility)
     if intensity is None:
-        intensity = str(getattr(curve, "measured", "")) or "im"
+        intensity = getattr(curve, "measure", "") or "im"
     if isinstance(curve, Fragility):
         axis_unit = re.search(r" \(([^()]+)\)$", intensity)
         median = f"{curve.median:.3g}{f' {axis_unit[1]}' if axis_unit else ''}"
@@ -271,7 +271,8 @@ def _shares(curve: Fragility) -> tuple[np.ndarray, np.ndarray]:
     """Intensities of the data, a cloud in twelve groups, and the shares of pounding at each."""
     im, k, n = curve.intensity, curve.pounding, curve.trials
     if curve.stripes:
-        return im, np.array([probability(int(a), int(b))[:3] for a, b in zip(k, n, strict=True)])
+        hits = [Hits.of(np.arange(b) < a, np.ones(b)) for a, b in zip(k, n, strict=True)]
+        return im, np.array([x.estimate(True)[:3] for x in hits])
     weights = np.ones(im.size) if curve.weights is None else curve.weights
     parts = np.array_split(np.argsort(im), min(12, im.size))
     centre = [np.exp(np.average(np.log(im[x]), weights=weights[x])) for x in parts]

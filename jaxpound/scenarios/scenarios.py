@@ -24,6 +24,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground import motion
 from jaxpound.ground.run_input import as_run, require_time_unit
 from jaxpound.model.system import Structures, gravity_of, in_si
+from jaxpound.model.topology import Topology
 from jaxpound.scenarios.sampling import as_key, key_numbers, points, require_sampling
 
 NUMBER_BYTES = 22_000  # of JAX for each number of z in a study's trace and program (measured)
@@ -165,6 +166,12 @@ class Scenarios(Composed):
 def structures_of(scenarios: ScenarioSet) -> Any:
     """The structures of a scenario, with shapes in the place of numbers."""
     return jax.eval_shape(lambda z: scenarios.realize(z)[0], jnp.zeros(scenarios.dimension))
+
+
+def topology_of(scenarios: ScenarioSet) -> Topology:
+    """The topology of the structures of every scenario."""
+    z = jnp.zeros(scenarios.dimension)
+    return jax.eval_shape(lambda z: scenarios.realize(z)[0].system(), z).topology
 
 
 def grounds_at(scenarios: ScenarioSet, grid: TimeGrid) -> Callable[[Any], motion.Ground]:

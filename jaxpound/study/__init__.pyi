@@ -13,4 +13,5 @@ from .sensitivity import sobol_sensitivity as sobol_sensitivity
 from .spectrum import InelasticSpectrum as InelasticSpectrum
 from .spectrum import inelastic_spectrum as inelastic_spectrum
 from .statistics import Estimate as Estimate
+from .storage import Storage as Storage
 from .study import Study as Study

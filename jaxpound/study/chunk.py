@@ -34,8 +34,8 @@ from jaxpound.store.archive import DamagedError, digest, require_name
 from jaxpound.store.store import Store, describe, program_digest
 from jaxpound.study.demands import demands_of
 from jaxpound.study.statistics import Moments
+from jaxpound.study.storage import Storage
 
-Measure = Callable[[Any, Any], Any]  # a user-defined column, of structures and ground motion
 Columns = dict[str, np.ndarray]
 Outcome = tuple[dict[str, Moments], Columns]  # of a finished chunk; no columns with a store
 
@@ -68,28 +68,26 @@ class Task:
     key: tuple[str, tuple[int, ...]]  # kind and numbers
     sampling: str
     n: int
+    storage: Storage
     chunk_size: int
-    measures: dict[str, Measure]
-    keep_parameters: bool
-    keep_failures: bool
     x64: bool
     names: tuple[str, ...] = ()  # of the columns
-    folder: Path | None = None
-    requested: int = 0  # samples of the store
+    folder: Path | None = None  # the storage's, in which workers find it
     fingerprint: str = ""  # of the program, independent of the points
 
     def identity(self) -> dict[str, Any]:
         """Everything that determines the study's numbers, as JSON; not the number of samples."""
-        kind, numbers = self.key
+        (kind, numbers), storage = self.key, self.storage
         partitionable = bool(jax.config.jax_threefry_partitionable)  # type: ignore[attr-defined]
         versions = {"jaxpound": __version__, "jax": jax.__version__, "scipy": scipy.__version__}
 
         def drawn(z: jax.Array) -> Any:  # its program identifies the functions
             structures, ground = self.scenarios.realize(z)
-            measured = {name: f(structures, ground) for name, f in self.measures.items()}
-            kept = sets.parameters(self.scenarios, z) if self.keep_parameters else {}
+            measured = {name: f(structures, ground) for name, f in storage.measures.items()}
+            kept = sets.parameters(self.scenarios, z) if storage.keep_parameters else {}
             return structures, as_run(ground, self.grid, gravity_of(structures)), measured, kept
 
+        kept_names = sets.parameter_names(self.scenarios) if storage.keep_parameters else ()
         return {
             "versions": versions,
             "precision": "float64" if self.x64 else "float32",
@@ -97,11 +95,11 @@ class Task:
             "sampling": self.sampling,
             "chunk_size": self.chunk_size,
             "columns": list(sets.keys_in_order(self.run, self.z_type())),
-            "parameters": [*sets.parameter_names(self.scenarios)] if self.keep_parameters else [],
+            "parameters": list(kept_names),
             "grid": describe(self.grid),
             "scheme": describe(self.scheme),
             "scenarios": describe(self.scenarios),
-            "measures": describe(self.measures),
+            "measures": describe(storage.measures),
             "program": program_digest(drawn, self.z_type()),
         }
 
@@ -111,6 +109,14 @@ class Task:
         fingerprint = digest(json.dumps(program).encode())
         return dataclasses.replace(self, names=tuple(identity["columns"]), fingerprint=fingerprint)
 
+    def chunks(self) -> range:
+        """Numbers of the chunks of the storage's shard."""
+        (first, shards), chunks = self.storage.shard, range(-(-self.n // self.chunk_size))
+        if first > len(chunks):
+            rule = f"must leave a chunk for each shard: the study has {len(chunks)}"
+            raise InvalidInput("shard", repr(self.storage.shard), rule)
+        return chunks[first - 1 :: shards]
+
     def z_type(self) -> jax.ShapeDtypeStruct:
         """Shape and type of z."""
         return jax.ShapeDtypeStruct((self.scenarios.dimension,), jnp.zeros((), float).dtype)
@@ -119,8 +125,8 @@ class Task:
         """The columns of one scenario."""
         structures, ground = self.scenarios.realize(z)
         columns = demands_of(structures, ground, self.grid, self.scheme)
-        more = {name: f(structures, ground) for name, f in self.measures.items()}
-        if self.keep_parameters:
+        more = {name: f(structures, ground) for name, f in self.storage.measures.items()}
+        if self.storage.keep_parameters:
             more |= sets.parameters(self.scenarios, z)
         for name, x in more.items():
             if name in columns:
@@ -130,22 +136,20 @@ class Task:
                 raise InvalidInput(repr(name), "", f"of shape {shape} must be one number")
         return {name: jnp.asarray(x, z.dtype) for name, x in (columns | more).items()}
 
-    def rows(self, chunk: int, full: bool = False) -> range:
-        """Indices of a chunk's samples; ``full`` counts all that the store requests."""
-        n = max(self.n, self.requested) if full else self.n
-        return range(chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, n))
+    def rows(self, chunk: int) -> range:
+        """Indices of a chunk's samples."""
+        return range(chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, self.n))
 
-    def points(self, chunks: Sequence[int], full: bool = False) -> np.ndarray:
-        """Points of the samples of these chunks, shape (n, d)."""
+    def points(self, rows: Sequence[range]) -> np.ndarray:
+        """Points of samples by their indices, shape (n, d)."""
         draw = _draw(self.sampling, self.key, self.scenarios.dimension)
-        rows = [self.rows(chunk, full) for chunk in chunks]
         return np.concatenate([draw(part.start, part.stop) for part in rows])
 
     def first_grounds(self) -> Ground:
         """Ground motions of the first scenarios, to be checked before the runs."""
         program = partial(sets.grounds_at, self.scenarios, self.grid)
-        draw = _draw(self.sampling, self.key, self.scenarios.dimension)
-        return cached("grounds", self.fingerprint, program)(draw(0, first_of(self.n, self.grid)))
+        z = self.points([range(first_of(self.n, self.grid))])
+        return cached("grounds", self.fingerprint, program)(z)
 
     def finish(self, chunk: int) -> Outcome:
         """Run a chunk and store it; only read a chunk that a lost worker has stored already."""
@@ -156,12 +160,12 @@ class Task:
         return self.keep(chunk, self.compute(chunk))
 
     def compute(self, chunk: int) -> Columns:
-        """The columns of a chunk."""
-        rows = self.rows(chunk, full=True)
+        """The columns of a chunk, of all its samples that processes with this store request."""
+        rows = (self if self.folder is None else Store(self.folder)).rows(chunk)
         with jax.enable_x64(self.x64):
             size = even_share(self.chunk_size, runs_at_a_time())
             program = cached("runs", self.fingerprint, lambda: in_chunks(self.run, size))
-            z = self.points([chunk], full=True)
+            z = self.points([rows])
             # All batches have the same size: one program, and the same rounding.
             results = program(np.concatenate([z, np.repeat(z[-1:], -len(rows) % size, 0)]))
             columns = {name: results[name][: len(rows)] for name in self.names}
@@ -178,7 +182,7 @@ class Task:
     def _refuse_failures(self, columns: Columns, z: np.ndarray, rows: range) -> None:
         valid = {name: is_valid(Demand, name, x) for name, x in columns.items()}
         in_all = np.all([*valid.values()], axis=0)
-        if in_all.all() or self.keep_failures:
+        if in_all.all() or self.storage.keep_failures:
             return
         first = int(np.argmin(in_all))
         point = jnp.asarray(z[first])

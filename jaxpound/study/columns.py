@@ -19,7 +19,7 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.elements import Columnar
 from jaxpound.results.named import in_words, is_demand, kind_of
 from jaxpound.study import weighting
-from jaxpound.study.statistics import Estimate, Moments, probability, quantile
+from jaxpound.study.statistics import Estimate, Moments, quantile
 from jaxpound.study.weighting import Hits, Weighting, require_weights
 from jaxpound.units import Scales
 
@@ -211,7 +211,7 @@ class DemandColumns(Columnar, Shown):
         parts, factor = self._parts(self._column(name)), self._factor(name)
         value = float(number("value", value))
         over = (np.where(np.isnan(x), np.nan, x * factor > value) for x in parts)
-        return self._estimate(self._hits(over), confidence)
+        return self._hits(over).estimate(self.normalised, confidence)
 
     def counts(self, name: str = "n_impacts", confidence: float = 0.95) -> dict[int, Estimate]:
         """Probability of every number that occurred in a column, with Clopper-Pearson intervals.
@@ -224,15 +224,9 @@ class DemandColumns(Columnar, Shown):
             raise InvalidInput(f"the numbers of {name!r}", "", "must be whole")
         w = self.weights[np.isfinite(self[name])]
         hits = {int(number): Hits.of(column == number, w) for number in np.unique(column)}
-        return {number: self._estimate(sums, confidence) for number, sums in hits.items()}
+        return {n: sums.estimate(self.normalised, confidence) for n, sums in hits.items()}
 
     def _hits(self, parts: Iterable[np.ndarray]) -> Hits:
         """Sums over the parts of a column that is 1, 0 or, where it is unknown, NaN."""
         pairs = ((x, w, ~np.isnan(x)) for x, w in self._weighed(parts))
         return sum((Hits.of(x[valid] == 1, w[valid]) for x, w, valid in pairs), Hits())
-
-    def _estimate(self, hits: Hits, confidence: float = 0.95) -> Estimate:
-        """The probability of hits among the samples, by their weights if they have some."""
-        if self.weighting is None:
-            return probability(int(hits.hit), hits.n, confidence)
-        return hits.estimate(self.normalised, confidence)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import instance
+from jaxpound._checks import count, instance
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import far_apart
@@ -30,10 +30,15 @@ def demands_of(
     return all_demands(structures.system(), demand(structures, ground, grid, scheme))
 
 
-def doubts(scenarios: ScenarioSet, grid: TimeGrid) -> list[str]:
-    """``imprecise`` of the structures of scenarios; a ``ValueError`` if they are a batch."""
+def doubts(scenarios: ScenarioSet, grid: TimeGrid, scheme: Scheme = Scheme()) -> list[str]:
+    """``imprecise`` of the structures of scenarios; a ``ValueError`` if they are a batch.
+
+    Or if an argument is of another type.
+    """
     instance("scenarios", scenarios, ScenarioSet)
+    count("scenarios.dimension", scenarios.dimension)
     instance("grid", grid, TimeGrid)
+    instance("scheme", scheme, Scheme)
     findings: list[str] = []
 
     def look(z: jax.Array) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxpound._checks import Rule, count, enforce, instance, require_share, seed
+from jaxpound._checks import Rule, count, enforce, require_share, seed
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._tables import Shown, TextTable
 from jaxpound._xla.batches import in_chunks
@@ -17,8 +17,8 @@ from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.system import in_si
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import in_words
+from jaxpound.scenarios import scenarios as sets
 from jaxpound.scenarios.sampling import points
-from jaxpound.scenarios.scenarios import ScenarioSet, grounds_at, parameter_names, structures_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.study.demands import demands_of, doubts
 from jaxpound.study.statistics import Estimate
@@ -48,7 +48,7 @@ class Sensitivity(Shown):
 
 
 def sobol_sensitivity(
-    scenarios: ScenarioSet,
+    scenarios: sets.ScenarioSet,
     grid: TimeGrid,
     scheme: Scheme = Scheme(),
     demand: str = "required_gap",
@@ -77,8 +77,7 @@ def sobol_sensitivity(
     confidence
         Confidence level of the bootstrap intervals.
     """
-    findings = doubts(scenarios, grid)
-    instance("scheme", scheme, Scheme)
+    findings = doubts(scenarios, grid, scheme)
     n, key = count("n", n), seed("key", key)
     enforce([Rule("n", n, n >= 2 and n & (n - 1) == 0, "a power of 2, at least 2")])
     require_share("confidence", confidence)
@@ -94,13 +93,13 @@ def sobol_sensitivity(
             raise InvalidInput("demand", repr(demand), rule)
         return values[demand]
 
-    names = parameter_names(scenarios)
+    names = sets.parameter_names(scenarios)
     d, rule = len(names), "at least 2: one has all the variance"
     enforce([Rule("scenarios.dimension", d, d >= 2, rule)])
     z = points("sobol", jax.random.key(key, impl="threefry2x32"), 2 * d)(0, n)
     a, b = z[:, :d], z[:, d:]
-    grounds = grounds_at(scenarios, grid)(a[: first_of(n, grid)])
-    si = in_si(structures_of(scenarios))
+    grounds = sets.grounds_at(scenarios, grid)(a[: first_of(n, grid)])
+    si = in_si(sets.structures_of(scenarios))
     warn(findings + of_many(grounds, grid, in_g=si), strict)
     mixed = [np.where(np.arange(d) == i, b, a) for i in range(d)]
     demands = in_chunks(run)(np.concatenate([a, b, *mixed])).astype(float)
@@ -129,6 +128,4 @@ def sobol_sensitivity(
         {name: Estimate(*map(float, x)) for name, x in zip(names, of_order, strict=True)}
         for of_order in np.stack(values, axis=-1)
     )
-    z = np.zeros(scenarios.dimension)
-    system = jax.eval_shape(lambda z: scenarios.realize(z)[0].system(), z)
-    return Sensitivity(demand, demands.size, first, total, system.topology)
+    return Sensitivity(demand, demands.size, first, total, sets.topology_of(scenarios))

@@ -28,15 +28,6 @@ class Estimate(NamedTuple):
         return TextTable("", (), [("estimate", str(self))]).html()
 
 
-def probability(successes: int, n: int, confidence: float = 0.95) -> Estimate:
-    """Probability of an event with ``successes`` in n, with its ``binomial_interval``."""
-    require_share("confidence", confidence)
-    between = Rule("successes", successes, 0 <= successes <= n, f"between 0 and n = {n}")
-    enforce([Rule("n", n, n >= 1, "at least 1"), between])
-    share = successes / n
-    return Estimate(share, *binomial_interval(share, n, confidence), confidence)
-
-
 def binomial_interval(share: float, n: float, confidence: float) -> tuple[float, float]:
     """Interval of Clopper and Pearson (1934) by a share of n samples; n need not be whole."""
     hits, tail = share * n, (1 - confidence) / 2

@@ -125,7 +125,7 @@ class Study(DemandColumns):
         """Probability of ``pounding``, with Clopper and Pearson's interval."""
         require_share("confidence", confidence)
         hits = self._hits(self._pounding(gap, link))
-        return self._estimate(hits, confidence)
+        return hits.estimate(self.normalised, confidence)
 
     def pounding_cov(self, gap: float | None = None, *, link: int | None = None) -> float:
         """Coefficient of variation of ``pounding_probability``, to first order; NaN if it is 0."""

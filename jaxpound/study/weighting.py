@@ -75,6 +75,7 @@ class Hits(NamedTuple):
     def estimate(self, normalised: bool, confidence: float = 0.95) -> Estimate:
         """The probability, with Clopper and Pearson's interval for ``effective_size`` samples."""
         require_share("confidence", confidence)
+        enforce([Rule("n", self.n, self.n >= 1, "at least 1")])
         p = self.share(normalised)
         low, high = binomial_interval(min(p, 1.0), self.effective_size(p, normalised), confidence)
         return Estimate(p, low, high, confidence)

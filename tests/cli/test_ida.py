@@ -41,8 +41,8 @@ def test_the_capacities_are_the_library_s_and_all_is_written(done, folder):
     target = jp.ground.TargetSpectrum([0.0, 0.1, 0.5, 4.0], [0.3, 0.75, 0.75, 0.09375])
     scaled = jp.read_suite(folder / "records").scaled_to(target, (0.2, 2.0), (0.1, 3.0))
     grid = jp.TimeGrid.until(6.0, 0.01 / np.ceil(0.01 / (0.6 / 50)))
-    how = {"intensities": np.array([0.02, 0.1, 0.4]), "measure": 0.9}
-    found = jp.incremental_dynamic_analysis(pair, scaled.suite, grid, **how)
+    analysis = jp.Analysis(pair, scaled.suite, grid, measure=0.9)
+    found = jp.incremental_dynamic_analysis(analysis, [0.02, 0.1, 0.4])
     assert "required gap (m), threshold 0.02" in screen
     answers = summary(out)
     for name, capacity in zip(found.names, found.capacities, strict=True):

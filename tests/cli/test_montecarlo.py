@@ -14,6 +14,7 @@ from jaxpound.model.parameters import get
 from jaxpound.results.named import in_words
 from tests.cli.commands import changed, refusal, run, unrendered
 from tests.cli.written import is_figure, page_of, summary, tables
+from tests.storing import studied
 
 EXAMPLE = files.example("montecarlo")
 TABLE = r"config.toml: \[earthquakes\]"
@@ -159,8 +160,7 @@ def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_p
     screen = run("montecarlo", path, "--store", store)
     assert "Study of 40 scenarios, 0 failed (SI)" in screen
     _, scenarios, grid = read(path)
-    how = {"chunk_size": 10, "keep_parameters": True, "progress": False}  # the command's program
-    found = jp.monte_carlo(scenarios, 40, grid, **how)
+    found = studied(scenarios, 40, grid, chunk_size=10, keep_parameters=True)  # as the command
     assert f"probability of pounding {found.pounding_probability()}" in screen
 
     printed = run("report", "--store", store, "--out", out).split()

@@ -1,7 +1,5 @@
 """Clouds: the regression, its fragility, and demands that are only known to be large."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from scipy import optimize, stats
@@ -16,8 +14,14 @@ from tests.refusals import refusals
 RANDOM = np.random.default_rng(3)
 IM = np.exp(RANDOM.uniform(-2, 0.5, 400))
 DEMAND = 0.1 * IM**1.2 * np.exp(0.3 * RANDOM.standard_normal(400))
-of_pair = partial(jp.cloud_analysis, PAIR, SUITE)
-of_row = partial(jp.cloud_analysis, ROW, SUITE)
+
+
+def of_pair(**changed):
+    return jp.cloud_analysis(jp.Analysis(PAIR, SUITE, **changed))
+
+
+def of_row():
+    return jp.cloud_analysis(jp.Analysis(ROW, SUITE))
 
 
 def test_a_cloud_is_a_regression_of_logarithms_and_its_fragility_the_share_above_the_threshold():

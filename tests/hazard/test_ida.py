@@ -27,9 +27,16 @@ def linked(**changes):
     return dataclasses.replace(PAIR, links=(dataclasses.replace(PAIR.links[0], **changes),))
 
 
-def analysed(structures=PAIR, **changed):
-    how = {"intensities": LADDER} | changed
-    return jp.incremental_dynamic_analysis(structures, how.pop("records", SUITE), **how)
+def analysis_of(structures=PAIR, records=SUITE, **changed):
+    """An analysis, and what is left: arguments of the function that runs it."""
+    names = {field.name for field in dataclasses.fields(jp.Analysis)}
+    fields = {name: changed.pop(name) for name in names & changed.keys()}
+    return jp.Analysis(structures, records, **fields), changed
+
+
+def analysed(structures=PAIR, intensities=LADDER, **changed):
+    analysis, how = analysis_of(structures, **changed)
+    return jp.incremental_dynamic_analysis(analysis, intensities, **how)
 
 
 def test_demands_of_linear_buildings_are_proportional_and_capacities_those_of_single_runs(linear):
@@ -198,7 +205,7 @@ def test_a_store_serves_other_questions_of_the_same_runs_and_damage_is_told(coun
     first = analysed(**stored)
     counting.most = len(sizes)
     assert_same(analysed(**stored, measure=SUITE.pgas), first)
-    strip = jp.multiple_stripes(PAIR, SUITE, intensities=LADDER, **stored)
+    strip = jp.multiple_stripes(jp.Analysis(PAIR, SUITE), LADDER, **stored)
     np.testing.assert_array_equal(strip.demands, first.demands.T)
     assert_survives_pickling((first, first.fragility(), strip))
     for changed, words in (
@@ -230,8 +237,11 @@ test_wrong_arguments_are_named = refusals(
     ({"structures": linked(gap=np.inf)}, "structures must have a link whose gap is finite"),
     ({"records": [IN_UNITS]}, r"records: Record\(.* must be in seconds, as Buildings are"),
     ({"records": "folder"}, "records = 'folder' must be a RecordSuite or records|Record"),
+    ({"records": [SUITE, SUITE]}, "records = 2 suites must be one: multiple_stripes takes several"),
+    ({"grid": 0.1}, "grid = 0.1 must be of type TimeGrid"),
+    ({"scheme": "fast"}, "scheme = 'fast' must be of type Scheme"),
     of=lambda changed: analysed(**changed),
-    before="^(incremental_dynamic_analysis|RecordSuite): .*",
+    before="^(incremental_dynamic_analysis|Analysis|RecordSuite): .*",
 )
 
 

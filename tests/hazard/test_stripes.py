@@ -14,9 +14,8 @@ LINKS = [jp.FloorLink(0, 0, gap=0.02), jp.FloorLink(1, 0, gap=0.5)]
 ROW = jp.Buildings((LEFT, RIGHT, LEFT), LINKS)
 
 
-def striped(records, structures=PAIR, **changed):
-    how = {"intensities": LADDER} | changed
-    return jp.multiple_stripes(structures, records, **how)
+def striped(records, structures=PAIR, intensities=LADDER, **changed):
+    return jp.multiple_stripes(jp.Analysis(structures, records, **changed), intensities)
 
 
 def test_stripes_of_one_suite_or_of_one_each_are_those_of_the_incremental_analysis(linear):

@@ -11,6 +11,7 @@ from scipy import stats
 import jaxpound as jp
 from jaxpound.scenarios.scenarios import discrete_coordinates, parameter_names, parameters
 from tests.refusals import refusals, refused
+from tests.storing import studied
 
 PAPER = jp.paper.structures()
 PATHS = [
@@ -252,8 +253,8 @@ def test_more_numbers_than_memory_has_room_for_are_refused():
 @pytest.mark.parametrize("sampling", ["plain", "sobol"])
 def test_scenarios_by_index_are_those_of_the_study(sampling):
     scenarios = jp.Scenarios(UNCERTAIN(PAPER, {"friction": jp.LogNormal(1, 2)}), RICKER)
-    grid, how = jp.TimeGrid(0.1, 40), {"keep_parameters": True, "progress": False}
-    study = jp.monte_carlo(scenarios, 8, grid, key=3, sampling=sampling, **how)
+    grid, options = jp.TimeGrid(0.1, 40), {"sampling": sampling, "keep_parameters": True}
+    study = studied(scenarios, 8, grid, key=3, **options)
     batch = scenarios.at([5, 0, 6], 3, sampling=sampling)
     np.testing.assert_allclose(batch[0].friction, study["friction"][[5, 0, 6]])
     np.testing.assert_allclose(batch[1].arrivals[:, 0], study["arrival_1"][[5, 0, 6]])

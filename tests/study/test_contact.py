@@ -1,7 +1,7 @@
 """Studies of blocks that touch: how often, how hard, and which parameter of the law matters."""
 
 import dataclasses
-import functools
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,7 @@ from jaxpound.study import sensitivity
 from jaxpound.study.chunk import Task
 from jaxpound.study.statistics import quantile
 from tests.refusals import refused
+from tests.storing import studied
 
 TOUCHING = dataclasses.replace(
     jp.paper.structures(), friction=0.02, initial_gap=0.03, contact=jp.Newton(0.65)
@@ -26,8 +27,7 @@ SCENARIOS = jp.Scenarios(jp.UncertainStructures(TOUCHING, RESTITUTION), WAVES)
 
 @pytest.fixture(scope="module")
 def study():
-    how = {"chunk_size": 32, "keep_parameters": True, "progress": False}
-    return jp.monte_carlo(SCENARIOS, 64, GRID, **how)
+    return studied(SCENARIOS, 64, GRID, chunk_size=32, keep_parameters=True)
 
 
 def test_times_and_numbers_of_impacts_are_told_of_scenarios_with_one(study):
@@ -105,7 +105,6 @@ RECORD = jp.Record(0.1 * np.sin(np.arange(80)), 0.1, time_unit="1/ω1")
 DISPLACEMENT = {"demand": "peak_x1", "threshold": 0.1}
 AT_GRID = DISPLACEMENT | {"grid": GRID}
 IN_SECONDS = [jp.Record(RECORD.samples, 0.1)]
-AT_0_1_G = {"records": IN_SECONDS, "intensities": [0.1], "measure": "pga", **AT_GRID}
 BLOCKS = [jp.Building.from_period(*x, 0.05) for x in ((500e3, 0.9), (400e3, 0.6))]
 
 
@@ -132,11 +131,6 @@ STUDIES = {
     "elasticities": lambda s: jp.elasticities(s, RECORD, GRID),
     "perturbation_growth": lambda s: jp.perturbation_growth(s, RECORD, GRID),
     "simulate": lambda s: jp.simulate(s, RECORD, GRID),
-}
-ANALYSES = {
-    "incremental_dynamic_analysis": lambda s: jp.incremental_dynamic_analysis(s, **AT_0_1_G),
-    "multiple_stripes": lambda s: jp.multiple_stripes(s, **AT_0_1_G),
-    "cloud_analysis": lambda s: jp.cloud_analysis(s, IN_SECONDS, measure="pga", **AT_GRID),
 }
 
 
@@ -165,7 +159,7 @@ def test_single_precision_and_batches_are_told_by_the_function_that_was_called(n
 SEARCHES = {
     "rare_event": jp.rare_event,
     "subset_simulation": jp.subset_simulation,
-    "reach_probability": functools.partial(jp.reach_probability, "friction", 1e-3),
+    "reach_probability": partial(jp.reach_probability, "friction", 1e-3),
 }
 
 
@@ -184,13 +178,13 @@ def test_limit_states_are_judged_by_the_search_that_takes_them(name):
     )
 
 
-@pytest.mark.parametrize("name", ANALYSES)
-def test_analyses_of_buildings_tell_of_single_precision_and_batches_too(name):
+def test_analyses_of_buildings_tell_of_single_precision_and_batches_too():
     law = jp.KelvinVoigt(2e9, 0.65)
     many = dataclasses.replace(law, stiffness=np.array([2e9, 3e9]))
     batches = {r"links\.0\.gap": beside(GAPS, law)}
     batches[r"links\.0\.contact\.stiffness"] = beside(0.1, many)
-    assert_judged(name, ANALYSES[name], beside(0.1, law), batches)
+    analysis = partial(jp.Analysis, records=IN_SECONDS, **AT_GRID)
+    assert_judged("Analysis", analysis, beside(0.1, law), batches)
 
 
 def test_it_is_told_once(monkeypatch):

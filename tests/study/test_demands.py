@@ -8,6 +8,7 @@ import numpy as np
 import jaxpound as jp
 from jaxpound.model.system import common_gap
 from tests.refusals import refused
+from tests.storing import studied
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
 GRID = jp.TimeGrid(0.1, 40)
@@ -26,7 +27,7 @@ def scenarios(system):
 
 
 def study(system, **more):
-    return jp.monte_carlo(scenarios(system), 8, GRID, chunk_size=4, progress=False, **more)
+    return studied(scenarios(system), 8, GRID, chunk_size=4, **more)
 
 
 def linked(*gaps):

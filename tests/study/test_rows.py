@@ -13,6 +13,7 @@ from jaxpound.results.named import over_all, required_gaps
 from jaxpound.study.statistics import quantile
 from tests.refusals import refusals, refused
 from tests.rows import GAPS, GRID, ROW, WAVES, touching
+from tests.storing import studied
 from tests.test_tables import assert_shown
 
 STIFFNESS = {"buildings.*.rods.*.stiffness": jp.LogNormal(20.0, 0.15)}
@@ -20,7 +21,7 @@ SCENARIOS = jp.Scenarios(jp.UncertainStructures(ROW, STIFFNESS, correlation=0.6)
 
 
 def run(n, store=None, **more):
-    return jp.monte_carlo(SCENARIOS, n, GRID, store=store, chunk_size=32, progress=False, **more)
+    return studied(SCENARIOS, n, GRID, store=store, chunk_size=32, **more)
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +146,7 @@ def test_links_that_are_not_there_or_far_are_named(study, folder):
     with pytest.warns(
         jp.PlausibilityWarning, match=r"^monte_carlo: link 1–2, floor 2: gap = \d+\S* g/ω1²"
     ):
-        jp.monte_carlo(jp.Scenarios(far, WAVES), 16, GRID, chunk_size=32, progress=False)
+        studied(jp.Scenarios(far, WAVES), 16, GRID, chunk_size=32)
 
 
 def test_sensitivities_of_random_storeys():

@@ -23,6 +23,7 @@ from jaxpound.scenarios.sampling import points
 from jaxpound.store.store import Store
 from jaxpound.study.chunk import Task
 from tests.refusals import refusals, refused
+from tests.storing import studied
 
 TESTS = Path(__file__).parent
 GRID = jp.TimeGrid(0.1, 40)
@@ -46,8 +47,7 @@ RANDOM = jp.Scenarios(
 
 
 def study(scenarios=RANDOM, n=50, **more):
-    more = {"chunk_size": 16, "progress": False} | more
-    return jp.monte_carlo(scenarios, n, GRID, **more)
+    return studied(scenarios, n, GRID, **{"chunk_size": 16} | more)
 
 
 def assert_same(found, expected, rtol=1e-9, atol=1e-12):
@@ -424,7 +424,8 @@ test_bad_arguments_are_named = refusals(
     ({"scheme": "fast"}, "scheme = 'fast' must be of type Scheme"),
     ({"chunk_size": 2.5}, "chunk_size = 2.5 must be a positive whole number"),
     ({"shard": (0, 2)}, r"shard = \(0, 2\) must be \(i, k\)"),
-    ({"shard": (1, 2)}, r"shard = \(1, 2\) must come with a store"),
+    ({"shard": (1, 2)}, r"shard = \(1, 2\) must come with a folder"),
+    ({"store": 3}, "folder = 3 must be of type str or PathLike or None"),
     ({"measures": {"pga": lambda s, g: 1.0}}, "'pga' is the name of a demand"),
     ({"measures": {"two": lambda s, g: jnp.ones(2)}}, r"'two' of shape \(2,\) must be one"),
     ({"measures": {"a/b": lambda s, g: 1.0}}, "column 'a/b' must have a name of 1 to 200"),

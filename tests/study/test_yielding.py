@@ -6,6 +6,7 @@ import pytest
 
 import jaxpound as jp
 from tests.refusals import refused
+from tests.storing import studied
 
 STEEL = jp.ZenerRod(0.5, 0.01, 0.05)
 LAW = jp.model.YieldingZener(STEEL, jp.Bilinear(0.1, 0.05, 1.5))
@@ -19,7 +20,7 @@ STRENGTH = "rods.*.material.hysteresis.yield_displacement"
 def test_random_strengths_make_a_fragility_by_ductility():
     structures = jp.UncertainStructures(BUILDING, {STRENGTH: jp.LogNormal(0.1, 0.3)})
     scenarios = jp.Scenarios(structures, GROUND)
-    study = jp.monte_carlo(scenarios, 256, GRID, key=3, progress=False, keep_parameters=True)
+    study = studied(scenarios, 256, GRID, key=3, keep_parameters=True)
     alone = jp.demand(*scenarios.realize(study.points()[0]), GRID)
     assert study["ductility"][0] == pytest.approx(float(alone.ductility_1), rel=1e-9)
     np.testing.assert_array_equal(np.isinf(study["first_yield_time_1"]), study["ductility"] < 1)

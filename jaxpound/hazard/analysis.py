@@ -1,0 +1,222 @@
+"""Buildings under recorded earthquakes, and the demand that is sought: what a fragility is of."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+from functools import cached_property, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpound._checks import Rule, array, enforce, instance, number, positive, require_memory
+from jaxpound._errors import InvalidInput, warn
+from jaxpound.buildings import Buildings
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.measure import Measure
+from jaxpound.ground.plausibility import LARGE_PGA, unseen
+from jaxpound.ground.record import Record, derived, stacked
+from jaxpound.ground.run_input import require_time_unit
+from jaxpound.ground.suite import RecordSuite, as_suite
+from jaxpound.model.system import common_gap, without_contact
+from jaxpound.results import named
+from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
+from jaxpound.simulation.run import demand
+from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single_system
+from jaxpound.simulation.time_steps import record_grid
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Analysis:
+    """Buildings under recorded earthquakes, and the demand that a fragility is of.
+
+    ``incremental_dynamic_analysis``, which has an example, scales the records until the demand
+    reaches the threshold, ``multiple_stripes`` to chosen intensities; ``cloud_analysis`` takes them
+    as they are.
+
+    Raises ``ValueError`` if an argument breaks its rule; if records are not in s, or together need
+    too many steps. Warns (``PlausibilityWarning``) if the grid does not resolve a record, or if
+    contact is run in single precision; when the records are run, if one, scaled, has a PGA above
+    5 g.
+
+    Parameters
+    ----------
+    structures
+        ``Buildings``. Where pounding is sought they are run without laws of contact.
+    records
+        A ``RecordSuite`` or several records, in g and s; for ``multiple_stripes`` also a list of
+        suites, one for each intensity.
+    grid
+        The instants of all runs; by default as long as the longest record, its step chosen for the
+        record with the shortest interval.
+    measure
+        The measure of intensity: "pga" (in g); a natural period, s, for the spectral acceleration
+        at 5 % of damping (in g); or the intensity of each unscaled record, shape (n,) (ones make it
+        the factor), which must be proportional to its factor.
+    demand
+        See ``LimitState``.
+    threshold
+        A record reaches it if the demand is at least as large; in SI units. None, for the required
+        gap only, is pounding: the gap at rest of all links. Where they differ, the demand is the
+        overlap, the largest −ξ of any link, and the threshold 0.
+    scheme, strict
+        See ``simulate``; ``strict`` also refuses scaled records that are implausible.
+    """
+
+    structures: Buildings
+    records: Any
+    grid: TimeGrid | None = None
+    _: dataclasses.KW_ONLY
+    measure: Any = "pga"
+    demand: DemandSpec = REQUIRED_GAP
+    threshold: float | None = None
+    scheme: Scheme = Scheme()
+    strict: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.structures, Buildings):
+            rule = "must be jp.Buildings, as records are in g and s"
+            raise InvalidInput("structures", type(self.structures).__name__, rule)
+        single_system(self.structures)
+        instance("scheme", self.scheme, Scheme)
+        for record in self.suite:
+            require_time_unit("records", record, si=True)
+        grid, n = self.time_grid, len(self.suite)
+        structures = self.run_structures
+        require_stable(structures, self.scheme, grid.dt)
+        doubts = imprecise(structures.system(), grid, self.unscaled)
+        for record in self.suite:
+            doubts += unseen(record, grid, strict=self.strict)
+        warn(doubts, self.strict)
+        require_memory("records", n, n * grid.n_steps * 16)
+        jax.eval_shape(self.value, 0, 1.0)
+
+    @property
+    def suite(self) -> RecordSuite:
+        """Every record once."""
+        return self._joined[0]
+
+    @property
+    def numbers(self) -> list[np.ndarray]:
+        """The numbers in ``suite`` of the records of the suite, or of each of several suites."""
+        return self._joined[1]
+
+    @cached_property
+    def _joined(self) -> tuple[RecordSuite, list[np.ndarray]]:
+        several = isinstance(self.records, Sequence) and len(self.records) > 0
+        if several and all(isinstance(suite, RecordSuite) for suite in self.records):
+            return joined(self.records)
+        return joined([as_suite(self.records)])
+
+    @cached_property
+    def time_grid(self) -> TimeGrid:
+        """The requested grid, or one as long as the longest record, for the finest samples."""
+        if self.grid is not None:
+            instance("grid", self.grid, TimeGrid)
+            return self.grid
+        finest = min(self.suite, key=lambda record: float(record.dt))
+        longest = max(self.suite, key=lambda record: float(record.duration))
+        names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
+        options: Any = {"strict": self.strict, "place": f"records: {names}"}
+        return record_grid(self.run_structures, self.scheme, [*self.suite], **options)
+
+    @property
+    def unscaled(self) -> np.ndarray:
+        """The intensity of each unscaled record, shape (n,)."""
+        return self._intensity[1]
+
+    @cached_property
+    def _intensity(self) -> tuple[str, np.ndarray]:
+        """The measure in words, with its unit, and the intensity of each unscaled record."""
+        if isinstance(self.measure, str):
+            if self.measure != "pga":
+                rule = "must be 'pga', a natural period or a number for each record"
+                raise InvalidInput("measure", repr(self.measure), rule)
+            return "PGA (g)", self.suite.pgas
+        measure = array("measure", self.measure, (), (len(self.suite),))
+        positive(measure=measure)
+        if np.ndim(measure):
+            return "intensity", measure
+        words = Measure.spectral_acceleration(float(measure), self.suite.time_unit)
+        return str(words), self.suite.spectra(measure[None])[:, 0]
+
+    @cached_property
+    def event(self) -> tuple[str, float]:
+        """The demand's name and threshold; those of pounding follow from the gaps at rest."""
+        name, threshold = self.demand, self.threshold
+        if not isinstance(name, str):
+            name = getattr(name, "__name__", "demand").replace("<lambda>", "demand")
+            # It may be called as a demand of this package that it is not.
+            name = "demand" if named.quantity_named(name) else name
+        if threshold is None:
+            if name != REQUIRED_GAP:
+                named.require_threshold(self.demand)
+            gap = common_gap(self.structures)
+            return (OVERLAP, 0.0) if gap is None else (REQUIRED_GAP, float(gap))
+        limit = float(number("threshold", threshold))
+        enforce([Rule("threshold", limit, np.isfinite(limit), "finite")])
+        return name, limit
+
+    @property
+    def about(self) -> tuple[Any, ...]:
+        """What results say of it: threshold, demand, measure and topology."""
+        name, threshold = self.event
+        return threshold, name, self._intensity[0], self.structures.system().topology
+
+    def excessive(self, highest: Any) -> list[str]:
+        """A finding if a record at the highest intensity, of each or of all, has a large PGA."""
+        factors = highest / self.unscaled
+        peaks = self.suite.pgas * factors
+        i = int(np.argmax(peaks))
+        if peaks[i] <= LARGE_PGA:
+            return []
+        scaled_up = f"records: {self.suite.names[i]!r} times {factors[i]:.4g} has a PGA of"
+        return [f"{scaled_up} {peaks[i]:.4g} g; it should be at most {LARGE_PGA:.0f} g"]
+
+    @cached_property
+    def run_structures(self) -> Any:
+        """The structures; where pounding is sought, without laws of contact."""
+        pounding = self.event[0] in (REQUIRED_GAP, OVERLAP)
+        return without_contact(self.structures) if pounding else self.structures
+
+    def value(self, record: Any, factor: Any) -> Any:
+        """The demand of a record, by its number, times a factor; traceable."""
+        # Padded with zeros: the ground is at rest after a record.
+        samples, interval = (jnp.asarray(x)[record] for x in stacked([*self.suite]))
+        ground = factor * Record(samples, interval)
+        result = demand(self.run_structures, ground, self.time_grid, self.scheme)
+        spec = self.event[0] if isinstance(self.demand, str) else self.demand
+        return named.value_of(self.run_structures.system(), result, spec)
+
+    def value_and_slope(self, record: Any, factor: Any) -> Any:
+        """``value`` and its derivative by the factor."""
+        return jax.jvp(partial(self.value, record), (factor,), (jnp.ones_like(factor),))
+
+
+def joined(suites: Sequence[RecordSuite]) -> tuple[RecordSuite, list[np.ndarray]]:
+    """Every record of several suites once, and the numbers in it of the records of each.
+
+    Different records of one name get names of their own.
+    """
+    numbers: dict[int, int] = {}
+    different: dict[str, Record] = {}
+    for record in itertools.chain(*suites):
+        if id(record) not in numbers:
+            numbers[id(record)], name = len(different), record.name
+            while name in different:
+                name += ", another"
+            kept = {"doubts": record.doubts, "measured": record.measured}
+            different[name] = derived(record.samples, record.dt, name, record.time_unit, **kept)
+    by_suite = [np.array([numbers[id(record)] for record in suite]) for suite in suites]
+    return RecordSuite(tuple(different.values())), by_suite
+
+
+def single_suite(analysis: Any) -> Analysis:
+    """An analysis of one suite of records; an ``InvalidInput`` for anything else."""
+    instance("analysis", analysis, Analysis)
+    if (n := len(analysis.numbers)) > 1:
+        raise InvalidInput("records", f"{n} suites", "must be one: multiple_stripes takes several")
+    return analysis
