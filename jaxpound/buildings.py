@@ -16,6 +16,8 @@ from jaxpound.model.plausibility import FRICTION, GAP, doubts
 from jaxpound.model.row import FloorLink, LinkLabels, Row, by_face, require_floors, require_heights
 from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
 from jaxpound.model.system import System, as_tuple, is_closable
+from jaxpound.model.topology import GROUND
+from jaxpound.model.vibration import Modes, modes
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.units import Scales, law_in_other_units
 
@@ -112,6 +114,22 @@ class Buildings:
         """The scales of the dimensionless form, which the first building's first storey sets."""
         storey = storeys_of(self.buildings[0])[0]
         return Scales(storey.mass, (storey.stiffness / storey.mass) ** 0.5, self.gravity)
+
+    def modes(self, building: int) -> Modes:
+        """Modes of a building by number, from 0, alone, with the dampers and inerters that it has.
+
+        These lead to another of its floors or to the ground. ``jp.modes`` has those of all
+        buildings together.
+        """
+        own = (building, GROUND)
+        links = (x for x in self.links if x.building == building and x.other_building in own)
+        devices = tuple(
+            replace(x, building=0, next_building=min(x.other_building, 0))  # or GROUND, < 0
+            for x in links
+            if x.damper or x.inerter
+        )
+        alone = Row((in_units(self.buildings[building], 1.0, 1.0, 1.0),), devices)
+        return replace(modes(alone), si=True)
 
     def system(self) -> System:
         """Masses (kg), rods (N/m, s) and links (N, m), building by building."""

@@ -246,7 +246,7 @@ def test_readme_s_commands_run_as_they_stand(tmp_path, monkeypatch, capsys):
         shown = capsys.readouterr()
         if file:
             Path(file).write_text(shown.out, encoding="utf-8")
-    assert "Gaps     smallest" in shown.out
+    assert "min gap " in shown.out
     assert (tmp_path / "results" / "summary.json").exists()
 
 

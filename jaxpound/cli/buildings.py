@@ -14,31 +14,28 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 from msgspec import Meta
 
 import jaxpound as jp
-from jaxpound._errors import renamed
 from jaxpound.cli.isolation import IsolationSection, TunedMassSection, device_of
-from jaxpound.cli.reading import Section, between, each, named, of_field, ranges, refused, says
+from jaxpound.cli.reading import Section, Way, between, each, named, of_field, refused, says
 from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
 from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
-from jaxpound.cli.yielding import YIELDING, YieldingSection, keys_of
+from jaxpound.cli.yielding import YieldingSection, keys_of
 from jaxpound.model.building import DAMPING, PERIOD
-from jaxpound.model.row import LinkLabels, by_face, meeting_floors, require_floors, require_heights
+from jaxpound.model.row import LinkLabels, by_face, require_floors, require_heights
 from jaxpound.model.shear_building import HEIGHT, TAPER, storeys_of
 from jaxpound.model.system import is_closable
 
 _MOST = 1000  # buildings or floors: more are a typing error
-_BY_PERIOD = ("mass", "period", "damping_ratio")
-_BY_ROD = ("mass", "stiffness", "order", "tau_f", "tau_x")
-_WAYS = f"{', '.join(_BY_PERIOD)} (order, tau_f), or {', '.join(_BY_ROD)}"
-_UNIFORM = ("number", *_BY_PERIOD)
-_LISTED = ("masses", "stiffnesses", "order", "tau_f", "tau_x")
-_BESIDE = (*YIELDING, "isolation", "tuned_mass")  # storeys, however these are given
+_BY_PERIOD = Way(("mass", "period", "damping_ratio"), ("order", "tau_f", "height"))
+_BY_ROD = Way(("mass", "stiffness", "order", "tau_f", "tau_x"), ("height",))
+_UNIFORM = Way(("number", "mass", "period", "damping_ratio"), ("order", "tau_f", "taper", "height"))
+_LISTED = Way(("masses", "stiffnesses", "order", "tau_f", "tau_x"), ("heights", "tuned_masses"))
+_OF_BUILDING = (*map(Way, (("storeys",), ("published",))), _BY_PERIOD, _BY_ROD)
+OF_STOREYS = ("storeys", "published", "isolation", "tuned_mass")
+_FLOOR = Way(("building", "floor"), ("next_building", "next_floor"))
+_FLOORS = Way(("building", "floors"), ("next_building",))
+_COMMON = Way(("floors",), ("building",))  # "common" ones, of neighbours
 _BETWEEN = ("friction_force", "gap", "damper", "velocity_friction", "inerter")
-_ONE_RULE = (*_UNIFORM, "order", "tau_f", "taper", "height")
-_STOREYS = (
-    f"{', '.join(_UNIFORM)} (order, tau_f, taper, height), or, from the ground up, "
-    f"{', '.join(_LISTED)} (heights)"
-)
 
 _Mass = Annotated[float, of_field(jp.Building, "mass")]
 _Stiffness = Annotated[float, of_field(jp.Building, "stiffness")]
@@ -53,43 +50,6 @@ _Floors = Annotated[
     says('"common" or a list of floors, counted from 1'),
 ]
 _Neighbour = Annotated[_Number | Literal["ground"], says('the number of a building, or "ground"')]
-
-
-class BlockSection(YieldingSection):
-    """A building of one storey, by its period and damping or by its rod."""
-
-    mass: _Mass | None = None
-    period: _Period | None = None
-    damping_ratio: _Damping | None = None
-    stiffness: _Stiffness | None = None
-    order: _Order | None = None
-    tau_f: _Relaxation | None = None
-    tau_x: _Relaxation | None = None
-    height: _Height | None = None
-
-    def __post_init__(self) -> None:
-        values = self.values()
-        by_period = not values.keys().isdisjoint({"period", "damping_ratio"})
-        if clashing := [key for key in ("stiffness", "tau_x") if by_period and key in values]:
-            raise ValueError(f"must not have {clashing[0]} here; give {_WAYS}")
-        if missing := [key for key in (_BY_PERIOD if by_period else _BY_ROD) if key not in values]:
-            raise ValueError(f"lacks {', '.join(missing)}; give {_WAYS}")
-        PERIOD.require("natural period", self.shear().natural_period)
-
-    def values(self) -> dict[str, float]:
-        """The values of the block and its rod that the table states."""
-        return {key: x for key, x in self.stated().items() if key in (*_BY_PERIOD, *_BY_ROD)}
-
-    def shear(self) -> jp.ShearBuilding:
-        """The library's ``ShearBuilding``."""
-        values = self.values()
-        heights = () if self.height is None else ((self.height,),)
-        with named("", UNITS):
-            block = (jp.Building.from_period if "period" in values else jp.Building)(**values)
-        return self.yielding(jp.ShearBuilding((block,), *heights))
-
-
-UNITS = {key: allowed.unit for key, allowed in ranges(BlockSection).items()}  # of a building
 
 
 class StoreySection(Section):
@@ -111,22 +71,16 @@ class StoreySection(Section):
     tuned_masses: _Number | None = None
 
     def __post_init__(self) -> None:
-        values = self.stated()
-        uniform = not values.keys().isdisjoint({*_ONE_RULE} - {*_LISTED})
-        allowed = _ONE_RULE if uniform else (*_LISTED, "heights", "tuned_masses")
-        for key, value in values.items():
-            alike = uniform and key not in ("mass", "height")  # one rod of all storeys
-            if key not in allowed or (alike and isinstance(value, list)):
-                fault = f"a list of {key}" if key in allowed else key
-                raise ValueError(f"must not have {fault} here; give {_STOREYS}")
-        if missing := [key for key in (_UNIFORM if uniform else _LISTED) if key not in values]:
-            raise ValueError(f"lacks {', '.join(missing)}; give {_STOREYS}")
+        if self.require_way(_UNIFORM, _LISTED) is _UNIFORM:
+            for key in ("order", "tau_f"):
+                if isinstance(getattr(self, key), list):  # all storeys have one rod
+                    raise ValueError(f"must not have a list of {key} with number")
         self.model()
 
     def model(self) -> jp.ShearBuilding:
         """The library's ``ShearBuilding``."""
         values = self.stated()
-        with named("", UNITS, {"storey_mass": "mass"}):
+        with named("", {"storey_mass": "mass"}):
             if "masses" in values:
                 n_tuned = values.pop("tuned_masses", 0)
                 return dataclasses.replace(jp.ShearBuilding.of_storeys(**values), n_tuned=n_tuned)
@@ -134,25 +88,25 @@ class StoreySection(Section):
             return jp.ShearBuilding.from_period(n, mass, **values)
 
 
-class BuildingSection(BlockSection):
-    """A building of a row: its storeys, one of the literature, or a block on a rod."""
+class BuildingSection(YieldingSection):
+    """A building: its storeys, one of the literature, or a block by its period or its rod."""
 
+    mass: _Mass | None = None
+    period: _Period | None = None
+    damping_ratio: _Damping | None = None
+    stiffness: _Stiffness | None = None
+    order: _Order | None = None
+    tau_f: _Relaxation | None = None
+    tau_x: _Relaxation | None = None
+    height: _Height | None = None
     storeys: StoreySection | None = None
     published: str | None = None
     isolation: IsolationSection | None = None
     tuned_mass: TunedMassSection | None = None
 
     def __post_init__(self) -> None:
-        keys = [*self.stated()]
-        ways = [key for key in ("storeys", "published") if key in keys]
-        if not keys:
-            raise ValueError(f"lacks its storeys; give storeys, published, or {_WAYS}")
-        if ways and (others := [key for key in keys if key not in (ways[0], *_BESIDE)]):
-            raise ValueError(f"must not have {others[0]} beside {ways[0]}")
-        if ways:
-            PERIOD.require("natural period", self.shear().natural_period)
-        else:
-            super().__post_init__()
+        self.require_way(*_OF_BUILDING)
+        PERIOD.require("natural period", self.shear().natural_period)
         self.standing(0)
 
     def standing(self, number: int) -> tuple[jp.ShearBuilding, tuple[jp.FloorLink, ...]]:
@@ -170,7 +124,13 @@ class BuildingSection(BlockSection):
             with named("published:"):
                 building = jp.ShearBuilding.published(self.published)
             return self.yielding(building)
-        return super().shear()
+        values = {
+            key: x for key, x in self.stated().items() if key in _BY_PERIOD.keys + _BY_ROD.keys
+        }
+        heights = () if (height := values.pop("height", None)) is None else ((height,),)
+        with named(""):
+            block = (jp.Building.from_period if "period" in values else jp.Building)(**values)
+        return self.yielding(jp.ShearBuilding((block,), *heights))
 
 
 class Damper(Section):
@@ -196,16 +156,9 @@ class LinkSection(Section):
     inerter: Inerter | None = None
 
     def __post_init__(self) -> None:
-        if (self.floor is None) == (self.floors is None):
-            raise ValueError("must have floor or floors, one of them")
-        if self.floors != "common":
-            self.require_all(("building",))
-        if self.floors or self.next_building == "ground":
-            other_end = "floors" if self.floors else "ground"
-            self.refuse_any(("next_floor",), f"must not be given with {other_end}")
-        if self.floors == "common":
-            rule = 'must not be given with floors = "common": it is the one to the right'
-            self.refuse_any(("next_building",), rule)
+        self.require_way(*((_COMMON, _FLOOR) if self.floors == "common" else (_FLOOR, _FLOORS)))
+        if self.next_building == "ground":
+            self.refuse_any(("next_floor",), "must not be given with ground")
         if self.contact is not None:
             self.require_all(("gap",), ", which contact needs")
         if self.stated().keys().isdisjoint(_BETWEEN):
@@ -218,14 +171,12 @@ class LinkSection(Section):
         """The library's ``FloorLink``, of each floor and face."""
         floors: Iterable[Any]  # building b, floor i, the next floor j and the next building
         if self.floors == "common":
-            if len(buildings) < 2:
-                raise refused("floors", "must be between two buildings or more", '"common"')
-            lefts = range(len(buildings) - 1) if self.building is None else [self.building - 1]
-            if not 0 <= lefts[0] < len(buildings) - 1:
-                rule = f"must be from 1 to {len(buildings) - 1}, with another building to the right"
+            left, last = None if self.building is None else self.building - 1, len(buildings) - 1
+            if left is not None and not left < last:
+                rule = f"must be from 1 to {last}, with another building to the right"
                 raise refused("building", rule, str(self.building))
-            with renamed('floors = "common"'):
-                floors = [(*x, None) for x in meeting_floors(buildings, lefts, of_faces(self.gap))]
+            common = jp.floor_links(buildings, gap=of_faces(self.gap), building=left)
+            floors = [(x.building, x.floor, x.next_floor, None) for x in common]
         else:
             stated: Any = self  # with a building, and one floor or several
             other = self.next_building  # from here on numbers are those of FloorLink, from 0
@@ -245,7 +196,6 @@ class BuildingsLayout(NamedTuple):
 
     buildings: jp.Buildings
     tables: tuple[int | None, ...]  # number of each link's [[link]]; None of a building's own
-    laws: tuple[str, ...]  # names of the laws of contact
     bearings: tuple[IsolationSection | None, ...]  # of each building
 
     @classmethod
@@ -267,14 +217,17 @@ class BuildingsLayout(NamedTuple):
         require_floors([len(building.storeys) for building in models], floor_links, labels)
         require_heights(models, floor_links, labels)
         bearings = tuple(building.isolation for building in buildings)
-        touching: list[Any] = [*links, *(x.wall for x in bearings if x and x.wall)]
-        laws = tuple(table.contact.law for table in touching if table.contact)
-        return cls(jp.Buildings.of(models, floor_links), tables, laws, bearings)
+        return cls(jp.Buildings.of(models, floor_links), tables, bearings)
 
     @property
     def shear_buildings(self) -> tuple[jp.ShearBuilding, ...]:
         """The buildings, each of them of storeys, as files have them."""
         return self.buildings.buildings  # type: ignore[return-value]
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether a link has a law of contact."""
+        return any(link.contact is not None for link in self.buildings.links)
 
     @property
     def gaps(self) -> list[float]:
@@ -290,7 +243,9 @@ def as_toml(buildings: jp.Buildings) -> str:
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
     for building in buildings.buildings:
         storeys = storeys_of(building)
-        series = {plural.get(key, key): [getattr(x, key) for x in storeys] for key in _BY_ROD}
+        series = {
+            plural.get(key, key): [getattr(x, key) for x in storeys] for key in _BY_ROD.needed
+        }
         if isinstance(building, jp.ShearBuilding):
             series["heights"] = [*building.heights]
         n_tuned = getattr(building, "n_tuned", 0)

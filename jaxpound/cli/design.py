@@ -5,26 +5,23 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import field
 from msgspec.structs import astuple
 
 import jaxpound as jp
-from jaxpound._checks import did_you_mean
-from jaxpound.cli import reading
-from jaxpound.cli.buildings import BuildingsLayout, as_toml
+from jaxpound.cli.buildings import as_toml
 from jaxpound.cli.design_report import answer_of, summary, tables_of
 from jaxpound.cli.files import VERSION, kept_search, write_files, write_report
 from jaxpound.cli.parameters import Parameters, VariableBounds, design_space
-from jaxpound.cli.reading import Count, File, Range, Section, Seed, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Section, Seed, between, named, refused, says
 from jaxpound.cli.structures import Shaken
-from jaxpound.cli.tables import OF_DEMANDS, Files, Gap, OfClass, read_records
+from jaxpound.cli.tables import Files, Gap, OfClass, read_records
+from jaxpound.design.problem import DesignProblem
 from jaxpound.reliability.result import RAREST
-from jaxpound.results import named as demands
-from jaxpound.results.named import REQUIRED_GAP
 
 _Temperature = Annotated[float, between(1e-9, 10, "m", "of the soft minimum of gaps")]
 _SHARE = '"worst", "mean" or a share'
@@ -71,7 +68,6 @@ class Weighted(Section):
 _BOUND = f"a number, {{at_most = ..., over = {_SHARE}}} or {{at_most = ..., probability = ...}}"
 _AtMost = Annotated[float | AtMost, says(_BOUND)]
 _Weighted = Annotated[float | Weighted, says(f"a number, or {{weight = ..., over = {_SHARE}}}")]
-_PENALTY = Range(0, 1e9, "", "metres of the goal for a unit of the demand")
 
 
 class RecordedTable(Section):
@@ -116,19 +112,20 @@ def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "design")
     config = file.read(DesignConfig)
-    task = prepared(file, config, args.record)
+    problem, records = prepared(file, config, args.record)
     inputs = file.text.encode(), *(path.read_bytes() for path in args.record)
-    shaken = task.ensemble, task.grid, config.run.scheme
+    shaken = problem.ensemble, problem.grid, problem.scheme
     with kept_search(args, "save", "search.npz", *inputs):
-        design = jp.design_damper(
-            *(task.space, *shaken, task.objective),
-            search=config.search.model(),
-            fresh=config.search.fresh or None,
-            save=args.save,
-            progress=sys.stderr.isatty(),
-            strict=args.strict,
-        )
-        recorded = {name: design.compare(single) for name, single in task.recorded.items()}
+        with named(f"{file.name}: [search]"):
+            design = jp.design_damper(
+                *(problem.space, *shaken, problem.objective),
+                search=config.search.model(),
+                fresh=config.search.fresh or None,
+                save=args.save,
+                progress=sys.stderr.isatty(),
+                strict=args.strict,
+            )
+        recorded = {name: design.compare(single) for name, single in records.items()}
         answer = answer_of(design, Parameters(config.layout))
         answers, tables = summary(design, answer, recorded), tables_of(design, answer, recorded)
         print("\n".join(table.text() for table in tables))
@@ -141,7 +138,7 @@ def run(args: argparse.Namespace) -> None:
         compared = design.trained if design.fresh is None else design.fresh
         figures = {"convergence": drawn(plots.convergence, design)}
         figures["before_and_after"] = drawn(plots.before_and_after, compared)
-        if (demand := design.objective_function.demand) == "min_gap" and config.layout.laws:
+        if (demand := design.objective_function.demand) == "min_gap" and config.layout.has_contact:
             demand = "peak_impulse"
         with contextlib.suppress(ValueError):  # what is zero has no elasticity
             slopes = jp.elasticities(design.structures, *shaken, demand=demand)
@@ -152,42 +149,32 @@ def run(args: argparse.Namespace) -> None:
         write_report(args, file.origin | answers, "Design of buildings", parts, figures)
 
 
-class DesignTask(NamedTuple):
-    """The design problem."""
+def prepared(
+    file: File, config: DesignConfig, paths: Sequence[Path] = ()
+) -> tuple[DesignProblem, dict[str, jp.Ensemble]]:
+    """A file's design problem, and each recorded earthquake alone, by name.
 
-    space: jp.DesignSpace
-    ensemble: jp.Ensemble
-    recorded: dict[str, jp.Ensemble]  # each of the recorded earthquakes alone, by name
-    objective: jp.Objective
-    grid: jp.TimeGrid
-
-
-def prepared(file: File, config: DesignConfig, paths: Sequence[Path] = ()) -> DesignTask:
-    """A file's design problem; ``paths`` are accelerograms in g that join its earthquakes."""
-    place = f"{file.name}: [variables]"
+    ``paths`` are accelerograms in g that join the earthquakes of the file.
+    """
     if not config.variables:
-        raise ValueError(f"{place} must name what may be chosen")
+        raise ValueError(f"{file.name}: [variables] must name what may be chosen")
     constant = config.objective.goal == "gap at rest" and not config.penalties
     if constant and not any("gap" in name for name in config.variables):
         rule = "must be given with a gap at rest, such as link.1.gap, among the [variables]"
         raise refused(f"{file.name}: [objective] goal", rule, '"gap at rest"')
     recorded = _recorded(file, config.recorded, paths)
     ground, grid = config.shaking(file, recorded.values())
-    n, batch = config.search.earthquakes, config.search.batch
-    if batch is not None and batch > (most := n + len(recorded)):
-        rule = f"must be at most the number of earthquakes, {most}"
-        raise refused(f"{file.name}: [search] batch", rule, str(batch))
-    with named(f"{file.name}:"):
-        scenarios = jp.Scenarios(config.buildings, ground)
     with named(f"{file.name}: [search] earthquakes:"):
-        ensemble = jp.Ensemble.drawn(scenarios, n, config.search.seed)
-    if recorded:
-        with named(f"{file.name}:"):
+        scenarios = jp.Scenarios(config.buildings, ground)
+        ensemble = jp.Ensemble.drawn(scenarios, config.search.earthquakes, config.search.seed)
+    parameters = Parameters(config.layout)
+    space = design_space(f"{file.name}: [variables]", config.variables, parameters)
+    objective = objective_of(file.name, config)
+    with named(f"{file.name}:"):
+        if recorded:
             ensemble = ensemble.including([*recorded.values()], grid)
-    space = design_space(place, config.variables, Parameters(config.layout))
-    alone = {name: jp.Ensemble.of([record], grid) for name, record in recorded.items()}
-    objective = priced(file.name, config.objective, config.limits, config.penalties, config.layout)
-    return DesignTask(space, ensemble, alone, objective, grid)
+        problem = DesignProblem(space, ensemble, grid, config.run.scheme, objective)
+        return problem, {name: jp.Ensemble.of([x], grid) for name, x in recorded.items()}
 
 
 def _recorded(
@@ -197,68 +184,20 @@ def _recorded(
     files, units = (table.files, table.units) if table else ([], None)
     motions = read_records(f"{file.name}: [recorded] files", file.folder, files, units)
     motions += [jp.read_record(path) for path in paths]
-    by_name: dict[str, jp.Record] = {}
-    for record in motions:
-        if record.name in by_name:
-            raise refused("records: name", "must be that of one record only", repr(record.name))
-        by_name[record.name] = record
-    return by_name
+    if not motions:
+        return {}
+    with named("records:"):
+        suite = jp.RecordSuite(tuple(motions))
+    return dict(zip(suite.names, suite, strict=True))
 
 
-def priced(
-    name: str,
-    objective: ObjectiveTable,
-    limits: Mapping[str, float | AtMost],
-    penalties: Mapping[str, float | Weighted],
-    layout: BuildingsLayout,
-) -> jp.Objective:
-    """The library's ``Objective`` of these buildings; ``name`` is the name of the file."""
-    laws, system = layout.laws, layout.buildings.system()
-    goal = f'"{objective.goal}"'
-    if laws and objective.goal == "pounding probability":
-        rule = "must not be given with a law of [contact]: whether they meet is the same"
-        raise refused(f"{name}: [objective] goal", rule, goal)
-    if objective.demand is None and not layout.gaps:
-        rule = 'must be "least demand" where no [[link]] has a gap'
-        raise refused(f"{name}: [objective] goal", rule, goal)
-    tables: dict[str, Any] = {
-        "limits": (jp.design.Limit, limits),
-        "penalties": (jp.design.Penalty, penalties),
-    }
-    priced: dict[str, dict[str, Any]] = {table: {} for table in tables}
-    allowed = demands.limitable_demands(system)
-    if objective.demand is not None:
-        _require_price(f"{name}: [objective]", objective.demand, allowed, laws, "demand")
-    for table, (kind, prices) in tables.items():
-        for price, x in prices.items():
-            place = f"{name}: [{table}] {price}"
-            gaps = [REQUIRED_GAP] if isinstance(x, AtMost) and x.probability is not None else []
-            _require_price(f"{name}: [{table}]", price, [*allowed, *gaps], laws)
-            number, *more = [x] if isinstance(x, float) else astuple(x)
-            within = OF_DEMANDS[demands.kind_of(price)] if table == "limits" else _PENALTY
-            if number is not None:
-                within.require(place, number)
-            with named(f"{place}:"):
-                priced[table][price] = kind(number, *more)
+def objective_of(name: str, config: DesignConfig) -> jp.Objective:
+    """The library's ``Objective``; ``name`` is the name of the file."""
+    kinds = {"limits": jp.design.Limit, "penalties": jp.design.Penalty}
+    by_demand: dict[str, dict[str, Any]] = {table: {} for table in kinds}
+    for table, kind in kinds.items():
+        for demand, x in getattr(config, table).items():
+            with named(f"{name}: [{table}] {demand}:"):
+                by_demand[table][demand] = kind(*([x] if isinstance(x, float) else astuple(x)))
     with named(f"{name}: [objective]"):
-        return jp.Objective(objective.model(), **priced)
-
-
-def _require_price(
-    place: str, price: str, allowed: Sequence[str], laws: Sequence[str], key: str = "key"
-) -> None:
-    """Require a demand that the structures have; ``key`` is where its name is in the file."""
-    quantity, rule = demands.quantity_named(price), ""
-    if price not in allowed:
-        if quantity is not None and quantity.only == "contact" and not laws:
-            rule = "must not be given without a law of [contact]"
-        elif price == REQUIRED_GAP and place.endswith("[limits]"):
-            rule = "must be given with a probability, such as {at_most = 0.2, probability = 1e-3}"
-        else:
-            words = did_you_mean(price, allowed) or f"allowed are {', '.join(allowed)}"
-            raise ValueError(reading.unknown_key(place, price, words, key))
-    elif {*laws} == {"newton"} and demands.is_zero_by_newton(price):  # never above a limit
-        impulse = "peak_impulse is what they have"
-        rule = f'must not be given with law = "newton", whose impacts have none; {impulse}'
-    if rule:
-        raise refused(f"{place} {price}", rule)
+        return jp.Objective(config.objective.model(), **by_demand)

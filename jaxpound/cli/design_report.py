@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from typing import Any
 
 import jaxpound as jp
 from jaxpound._tables import TextTable
-from jaxpound.cli.files import json_safe
 from jaxpound.cli.parameters import Parameters
 from jaxpound.model.parameters import put
 from jaxpound.quantities import unit
@@ -19,36 +19,27 @@ _WHEN = ("before", "after")
 def answer_of(design: jp.design.Design, parameters: Parameters) -> list[dict[str, Any]]:
     """The design in words: what was chosen, and what follows for dampers and buildings."""
     ends: list[Any] = [put(design.space.nominal, design.start), design.structures]
-    rows = []
-    for path, both in _variables(design).items():
-        words, symbol = parameters.in_words(path), parameters.unit_of(path)
-        rows.append(_change(words, symbol, **both))
+    rows: list[tuple[Any, ...]] = [
+        (parameters.in_words(path), parameters.unit_of(path), before, design.values[path])
+        for path, before in design.start.items()
+    ]
     systems = [buildings.system() for buildings in ends]
     forces = [[*(link.friction for link in x.links), *viscous_forces(x)] for x in systems]
-    before, after = map(sum, forces)
-    rows.append(_change("forces of all dampers together", "N", before, after))
+    rows.append(("forces of all dampers together", "N", *map(sum, forces)))
     names = [path.split(".") for path in design.space.names]
     for b in sorted({int(number) for kind, number, *_ in names if kind == "buildings"}):
         of_both = [x.buildings[b] for x in ends]
         periods = [building.natural_period for building in of_both]
-        rows.append(_change(f"natural period of building {b + 1}", "s", *periods))
+        rows.append((f"natural period of building {b + 1}", "s", *periods))
         percent = [100 * building.modes().damping_ratios[0] for building in of_both]
-        rows.append(_change(f"damping ratio of the first mode of building {b + 1}", "%", *percent))
-    return rows
+        rows.append((f"damping ratio of the first mode of building {b + 1}", "%", *percent))
+    bounds = [design.active_bounds.get(path) for path in design.start]
+    pairs = zip_longest(rows, bounds)
+    return [_change(*row) | {"at_bound": bound} for row, bound in pairs]
 
 
-def _variables(design: jp.design.Design) -> dict[str, dict[str, Any]]:
-    before, bounds = design.start, design.active_bounds
-    return {
-        path: {"before": before[path], "after": after, "at_bound": bounds.get(path)}
-        for path, after in design.values.items()
-    }
-
-
-def _change(
-    words: str, symbol: str, before: Any, after: Any, at_bound: str | None = None
-) -> dict[str, Any]:
-    before, after = float(before), float(after)
+def _change(words: str, symbol: str, *ends: Any) -> dict[str, Any]:
+    before, after = map(float, ends)
     return {
         "quantity": words,
         "unit": symbol,
@@ -56,7 +47,6 @@ def _change(
         "after": after,
         "change": after - before,
         "relative_change": after / before - 1 if before else None,
-        "at_bound": at_bound,
     }
 
 
@@ -66,41 +56,42 @@ def summary(
     recorded: Mapping[str, jp.design.Comparison],
 ) -> dict[str, Any]:
     """Summary of a design for JSON; ``recorded`` are single earthquakes by name."""
-    si, demand = design.trained.si, design.objective_function.demand
-    return json_safe(
-        {
-            "units": "SI",
-            "objective": design.objective,
-            "objective_unit": unit(design.objective_function.quantity, si),
-            "answer": [*answer],
-            "variables": _variables(design),
-            "limits": {
-                name: {
-                    "unit": unit_of(name, si),
-                    **vars(limit),
-                    "cov": design.events[name].cov if name in design.events else None,
-                    "reached": design.limited_demands[name],
-                    "multiplier": design.multipliers[name],
-                    "active": name in design.active_limits,
-                }
-                for name, limit in design.objective_function.limits.items()
-            },
-            "gradient_within_bounds": design.gradient_norm,
-            "winner": design.winner + 1,
-            "starts": design.history.objective.shape[1],
-            "dropped_starts": [i + 1 for i in design.dropped],
-            "iterations": design.history.objective.shape[0],
-            "stopped": design.stopped,
-            "simulations_with_gradient": design.simulations,
-            "trained": _compared(design.trained),
-            "fresh": None if design.fresh is None else _compared(design.fresh),
-            "recorded": {
-                name: {f"{demand}_{x}": float(getattr(shaken, x)[demand][0]) for x in _WHEN}
-                for name, shaken in recorded.items()
-            },
-            "demand": demand,
-        }
-    )
+    si, demand, bounds = design.trained.si, design.objective_function.demand, design.active_bounds
+    return {
+        "units": "SI",
+        "objective": design.objective,
+        "objective_unit": unit(design.objective_function.quantity, si),
+        "answer": [*answer],
+        "variables": {
+            path: {"before": before, "after": design.values[path], "at_bound": bounds.get(path)}
+            for path, before in design.start.items()
+        },
+        "limits": {
+            name: {
+                "unit": unit_of(name, si),
+                **vars(limit),
+                "cov": design.events[name].cov if name in design.events else None,
+                "reached": design.limited_demands[name],
+                "multiplier": design.multipliers[name],
+                "active": name in design.active_limits,
+            }
+            for name, limit in design.objective_function.limits.items()
+        },
+        "gradient_within_bounds": design.gradient_norm,
+        "winner": design.winner + 1,
+        "starts": design.history.objective.shape[1],
+        "dropped_starts": [i + 1 for i in design.dropped],
+        "iterations": design.history.objective.shape[0],
+        "stopped": design.stopped,
+        "simulations_with_gradient": design.simulations,
+        "trained": _compared(design.trained),
+        "fresh": None if design.fresh is None else _compared(design.fresh),
+        "recorded": {
+            name: {f"{demand}_{x}": float(getattr(shaken, x)[demand][0]) for x in _WHEN}
+            for name, shaken in recorded.items()
+        },
+        "demand": demand,
+    }
 
 
 def _compared(comparison: jp.design.Comparison) -> dict[str, Any]:

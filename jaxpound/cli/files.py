@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jaxpound._tables import TextTable
-    from jaxpound.study.statistics import Estimate
 
 Write = Callable[[BinaryIO], Any]  # writes a file to a stream
 
@@ -121,10 +120,11 @@ def write_report(
 
 
 def json_safe(tree: Any) -> Any:
-    """A tree of dicts and lists where None replaces numbers that are not finite."""
+    """A tree of dicts, lists and arrays where None replaces numbers that are not finite."""
     if isinstance(tree, dict):
         return {key: json_safe(value) for key, value in tree.items()}
-    if isinstance(tree, list):
+    tree = tree.tolist() if hasattr(tree, "tolist") else tree
+    if isinstance(tree, list | tuple):
         return [json_safe(value) for value in tree]
     return None if isinstance(tree, float) and not math.isfinite(tree) else tree
 
@@ -163,14 +163,8 @@ def csv_text(columns: Mapping[str, Any]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    lists = (x.tolist() if hasattr(x, "tolist") else x for x in columns.values())
-    writer.writerows(json_safe([*row]) for row in zip(*lists, strict=True))
+    writer.writerows(zip(*map(json_safe, columns.values()), strict=True))
     return text.getvalue()
-
-
-def of_estimate(estimate: Estimate | jp.hazard.AnnualRate) -> dict[str, float]:
-    """An estimate and its interval, for JSON."""
-    return {"value": estimate.value, "low": estimate.low, "high": estimate.high}
 
 
 def of_fragility(curve: jp.study.Fragility) -> dict[str, float]:

@@ -12,10 +12,9 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._tables import TextTable
 from jaxpound.cli import files
-from jaxpound.cli.reading import Count, File, Numbers, Section, between, named, refused, says, shown
+from jaxpound.cli.reading import Count, File, Numbers, Section, Way, between, named, refused, says
 from jaxpound.cli.tables import Gap
-from jaxpound.ground.measure import UNITS, Measure, measure_unit, units_like
-from jaxpound.hazard.curve import is_drawn
+from jaxpound.ground.measure import Measure, units_like
 from jaxpound.hazard.points import read_hazard
 from jaxpound.results.named import is_demand
 from jaxpound.study.statistics import Estimate
@@ -37,22 +36,16 @@ class HazardTable(Section):
     site: _Site | None = None
 
     def __post_init__(self) -> None:
-        if self.file is not None:
-            self.refuse_any(("intensity", "annual_rate"), "must not be given beside file")
-        elif self.intensity is None or self.annual_rate is None:
-            raise ValueError("must have intensity and annual_rate, or file")
-        else:
-            self.refuse_any(("site",), "must be given with file only")
-        if self.unit is not None and not measure_unit(self.unit):
-            raise refused("unit", f"must be one of {', '.join(UNITS)}", shown(self.unit))
+        self.require_way(Way(("intensity", "annual_rate")), Way(("file",), ("site",)))
+        self.refuse_any(("unit",), 'must be written in measure, such as measure = "PGA (g)"')
 
     def model(self, file: File) -> jp.HazardCurve:
         """The library's ``HazardCurve``."""
-        points: Any = map(np.array, (self.intensity, self.annual_rate))
+        points: Any = self.intensity, self.annual_rate, "im"
         if self.file is not None:
             points = read_hazard(file.folder / self.file, self.site, first=1)
-        hazard = jp.HazardCurve(*points)
-        return hazard if self.measure is None else dataclasses.replace(hazard, measure=self.measure)
+        intensity, annual_rate, measure = points
+        return jp.HazardCurve(intensity, annual_rate, self.measure or measure)
 
 
 class FragilityTable(Section):
@@ -64,13 +57,8 @@ class FragilityTable(Section):
     dispersion_error: Annotated[float, between(0, 10, "", _Error)] | None = None
 
     def __post_init__(self) -> None:
-        if (self.median_error is None) != (self.dispersion_error is None):
-            raise ValueError("must have median_error and dispersion_error, both or none")
-        for name in ("median", "dispersion"):
-            value, error = getattr(self, name), getattr(self, f"{name}_error") or 0.0
-            if error > value:
-                rule = f"must be at most the {name} itself, {value:g}"
-                raise refused(f"{name}_error", rule, f"{error:g}")
+        curve = ("median", "dispersion")
+        self.require_way(Way(curve), Way((*curve, "median_error", "dispersion_error")))
 
     def model(self) -> jp.study.Fragility:
         """The library's ``Fragility``, without data."""
@@ -97,12 +85,9 @@ class StudyTable(Section):
         if is_demand(self.intensity) and self.intensity not in ("pga", "pgv"):
             rule = "must measure the shaking, such as pga, and not the response"
             raise refused("intensity", rule, f'"{self.intensity}"')
-        if self.link is not None:
-            if self.link > (n := study.n_links):
-                rule = f"must be one of the study's links, from 1 to {n}"
-                raise refused("link", rule, str(self.link))
-            if not study.finite(f"min_gap_{self.link}" if n > 1 else "min_gap").size:
-                raise refused("link", "must be a link with a gap", str(self.link))
+        if self.link not in (None, *(links := [k + 1 for k in study.closable_links])):
+            rule = f"must be one of the study's links with a gap, {', '.join(map(str, links))}"
+            raise refused("link", rule, str(self.link))
         return study
 
 
@@ -123,11 +108,7 @@ class Lifetime(Section):
     results: LifetimeResults = LifetimeResults()
 
     def __post_init__(self) -> None:
-        if (self.fragility is None) == (self.study is None):
-            raise ValueError("must have the table [fragility] or the table [study], one of them")
-        if self.hazard.unit is not None and self.study is None:
-            rule = "must be given with [study] only: a [fragility] is in the hazard's own unit"
-            raise refused("[hazard] unit", rule)
+        self.require_way(Way(("fragility",)), Way(("study",)))
 
 
 class LifetimeRisk(NamedTuple):
@@ -175,81 +156,48 @@ def run(args: argparse.Namespace) -> None:
 
 def combined(file: File, lifetime: Lifetime) -> LifetimeRisk:
     """The annual rate of pounding, and the requested gaps."""
-    results, place = lifetime.results, f"{file.name}: [hazard]"
-    with named(place):
+    table, results, of_hazard = lifetime.study, lifetime.results, f"{file.name}: [hazard]"
+    with named(of_hazard):
         hazard = lifetime.hazard.model(file)
-    if lifetime.study is not None:
-        return of_study(file, lifetime, lifetime.study, hazard)
-    assert lifetime.fragility is not None
-    curve = lifetime.fragility.model()
-    with named(place):
-        rate = hazard.annual_rate_of(curve, results.confidence)
-    return LifetimeRisk(hazard, curve, rate, {}, results)
-
-
-def of_study(
-    file: File, lifetime: Lifetime, table: StudyTable, hazard: jp.HazardCurve
-) -> LifetimeRisk:
-    """The rate by a study, through the fragility of its runs unless the hazard has drawn them."""
-    results, place = lifetime.results, f"{file.name}: [study]"
-    shares, link = table.gap_probabilities or (), None if table.link is None else table.link - 1
-    options: Any = {"link": link, "confidence": results.confidence}
-    with named(place):
+    if table is None:
+        assert lifetime.fragility is not None
+        curve = lifetime.fragility.model()
+        with named(of_hazard):
+            rate = hazard.annual_rate_of(curve, results.confidence)
+        return LifetimeRisk(hazard, curve, rate, {}, results)
+    link, of_study, fragility = table.link and table.link - 1, f"{file.name}: [study]", None
+    column, confidence = table.intensity, results.confidence
+    with named(of_study):
         study = table.opened(file)
         if table.drawn:
-            if lifetime.hazard.unit is not None:
-                raise refused("drawn", "must not be given beside [hazard] unit", "true")
-            if not is_drawn((hazard.intensity, hazard.annual_rate), study):
-                rule = "must not be given: this hazard is not known to have drawn the study's "
-                rule += "earthquakes; leave it out, or use HazardCurve.annual_rate_of(..., "
-                rule += "drawn=True) in Python if they follow it"
-                raise refused("drawn", rule, "true")
-            rate = hazard.annual_rate_of(study, results.confidence, gap=table.gap, link=link)
+            rate = hazard.annual_rate_of(study, confidence, gap=table.gap, link=link)
             if not rate.value:
                 raise refused("store", "must hold runs with pounding to have a rate")
-            gaps = {p: hazard.required_gap(study, p, results.years, **options) for p in shares}
-            return LifetimeRisk(hazard, None, rate, gaps, results, table.intensity)
-    column, place_of_hazard = table.intensity, f"{file.name}: [hazard]"
-    study_measure = study.measure(column)
-    hazard, factor = _with_unit(place_of_hazard, lifetime.hazard.unit, hazard, study_measure)
-    measure = Measure.of_text(hazard.measure)
-    with named(place):
-        curve = study.fragility(column, table.gap, link=link)
-    numbers: Any = {"median": curve.median / factor, "intensity": curve.intensity / factor}
-    words = str(dataclasses.replace(study_measure, unit=measure.unit))
-    curve = dataclasses.replace(curve, **numbers, measure=words)
-    with named(place_of_hazard):
-        rate = hazard.annual_rate_of(curve, results.confidence)
-    words = str(dataclasses.replace(measure, unit=study_measure.unit))
-    in_study_unit = jp.HazardCurve(hazard.intensity * factor, hazard.annual_rate, words)
-    with named(place):
-        options |= {"years": results.years, "intensity": column}
-        gaps = {p: in_study_unit.required_gap(study, p, **options) for p in shares}
-    return LifetimeRisk(hazard, curve, rate, gaps, results)
+        else:
+            fragility = study.fragility(column, table.gap, link=link)
+    if fragility is not None:
+        with named(of_hazard):
+            hazard, fragility = in_one_unit(hazard, fragility)
+            rate = hazard.annual_rate_of(fragility, confidence)
+    options: Any = {"link": link, "confidence": confidence}
+    options["intensity"] = None if fragility is None else column
+    with named(of_study):
+        shares = table.gap_probabilities or ()
+        gaps = {p: hazard.required_gap(study, p, results.years, **options) for p in shares}
+    return LifetimeRisk(
+        hazard, fragility, rate, gaps, results, None if fragility else table.intensity
+    )
 
 
-def _with_unit(
-    place: str, unit: str | None, hazard: jp.HazardCurve, study_measure: Measure
-) -> tuple[jp.HazardCurve, float]:
-    """A hazard whose measure has a unit, and the size of this unit in that of a study's column.
-
-    The unit is that of the key, or of the measure, or else the usual one of hazard analyses.
-    """
-    measure, sizes = Measure.of_text(hazard.measure), units_like(study_measure.unit)
-    if not sizes:
-        if unit is not None:
-            rule = f"must not be given: the unit of the study's column, {study_measure}, is not "
-            raise refused(f"{place} unit", f"{rule}known", f'"{unit}"')
-        return hazard, 1.0
-    unit_of_hazard = measure_unit(unit or "") or measure.unit or next(iter(sizes))
-    stated = dataclasses.replace(measure, unit=unit_of_hazard)
-    rule = f"must be one of {', '.join(sizes)}, as the study has {study_measure}"
-    if clashing := measure.unit and not stated.is_in_unit_of(measure):
-        rule = f'must be that of measure = "{hazard.measure}"'
-    if clashing or stated.unit not in sizes:
-        raise refused(f"{place} unit", rule, f'"{unit if clashing else stated.unit}"')
-    factor = sizes[stated.unit] / sizes[study_measure.unit]
-    return dataclasses.replace(hazard, measure=str(stated)), factor
+def in_one_unit(
+    hazard: jp.HazardCurve, fragility: jp.study.Fragility
+) -> tuple[jp.HazardCurve, jp.study.Fragility]:
+    """Both in the hazard's unit, which is the usual one of hazard analyses if it states none."""
+    measure, units = Measure.of_text(hazard.measure), [*units_like(fragility.unit)]
+    if units and not measure.unit:
+        measure = dataclasses.replace(measure, unit=units[0])
+        hazard = dataclasses.replace(hazard, measure=str(measure))
+    return hazard, fragility.in_unit(measure.unit) if measure.unit in units else fragility
 
 
 def summary(file: File, risk: LifetimeRisk) -> dict[str, Any]:
@@ -258,23 +206,19 @@ def summary(file: File, risk: LifetimeRisk) -> dict[str, Any]:
     return {
         **file.origin,
         "measure": risk.hazard.measure,
-        "hazard": {
-            "intensity": risk.hazard.intensity.tolist(),
-            "annual_rate": risk.hazard.annual_rate.tolist(),
-        },
+        "hazard": {x: getattr(risk.hazard, x) for x in ("intensity", "annual_rate")},
         "fragility": None if curve is None else files.of_fragility(curve),
         "confidence": risk.results.confidence,
         "annual_rate": {
-            **files.of_estimate(rate),
-            "cov": rate.cov,
+            **{key: getattr(rate, key) for key in ("value", "low", "high", "cov")},
             "from_below_the_curve": rate.below,
             "from_above_the_curve": rate.above,
-            "bounds": list(rate.bounds),
+            "bounds": rate.bounds,
         },
         "return_period_years": rate.return_period,
         "years": years,
-        "probability": files.of_estimate(rate.probability(years)),
-        "required_gap": {f"{p:g}": files.of_estimate(gap) for p, gap in risk.gaps.items()},
+        "probability": rate.probability(years)._asdict(),
+        "required_gap": {f"{p:g}": gap._asdict() for p, gap in risk.gaps.items()},
         "mean_intensity_at_pounding": risk.deaggregation.mean,
     }
 

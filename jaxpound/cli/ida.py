@@ -12,9 +12,9 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._errors import InvalidInput
 from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sentence, write_report
-from jaxpound.cli.reading import Count, File, Range, Section, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Range, Section, Way, between, named, refused, says
 from jaxpound.cli.structures import Structured
-from jaxpound.cli.tables import SampleInterval, require_threshold
+from jaxpound.cli.tables import SampleInterval, Threshold
 from jaxpound.hazard.ida import FRACTILES
 from jaxpound.results.named import demand_in_words
 from jaxpound.simulation.time_steps import natural_periods, record_grid
@@ -51,8 +51,7 @@ class TargetTable(Section):
     least: Annotated[float, between(1e-3, 10, "", "a share of the target")] | None = None
 
     def __post_init__(self) -> None:
-        if (self.code is None) == (self.range is None):
-            raise ValueError("must have the range of periods, by code or by range, not by both")
+        self.require_way(Way(("code",)), Way(("range",)))  # of periods
 
 
 class LadderTable(Section):
@@ -62,14 +61,12 @@ class LadderTable(Section):
     measure: Literal["pga", "sa"] = "pga"
     period: Annotated[float, between(1e-3, 60, "s", "for models and for towers")] | None = None
     demand: str = "required_gap"
-    threshold: float | None = None
+    threshold: Threshold | None = None
     refine: Literal["bisection", "newton"] = "bisection"
 
     def __post_init__(self) -> None:
         if self.period is not None and self.measure != "sa":
             raise refused("period", 'must be given with measure = "sa" only')
-        if self.threshold is not None:
-            require_threshold("threshold", self.demand, self.threshold)
 
 
 class IdaConfig(Structured, kw_only=True):

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Literal
 
 import jaxpound as jp
-from jaxpound.cli.reading import Section, between, named, of_field, refused
+from jaxpound.cli.reading import Section, Way, between, named, of_field, refused
 from jaxpound.cli.tables import ContactSection, Gaps, OfClass, of_faces
 from jaxpound.model.isolation import RATE
 from jaxpound.model.row import by_face
 from jaxpound.model.shear_building import HEIGHT
 
-_Friction = Annotated[float, of_field(jp.FrictionPendulum, "friction")]
-_Yield = Annotated[float, of_field(jp.LeadRubber, "yield_displacement")]
 _Share = between(1e-4, 10, "", "of the modal mass; 0.05 is usual")
 _Ultimate = Annotated[float, of_field(jp.Bilinear, "ultimate_displacement")]
 
@@ -36,12 +33,14 @@ class IsolationSection(OfClass):
     type: Literal["friction pendulum", "lead rubber"]
     base_mass: Annotated[float, of_field(jp.Building, "mass")]
     radius: Annotated[float, of_field(jp.FrictionPendulum, "radius")] | None = None
-    friction: _Friction | None = None
-    fast_friction: _Friction | None = None
+    friction: Annotated[float, of_field(jp.FrictionPendulum, "friction")] | None = None
+    fast_friction: Annotated[float, of_field(jp.FrictionPendulum, "friction")] | None = None
     rate: Annotated[float, between(*RATE)] | None = None
     period: Annotated[float, of_field(jp.LeadRubber, "period")] | None = None
     strength: Annotated[float, of_field(jp.LeadRubber, "strength")] | None = None
-    yield_displacement: _Yield | None = None
+    yield_displacement: Annotated[float, of_field(jp.LeadRubber, "yield_displacement")] | None = (
+        None
+    )
     ultimate_displacement: _Ultimate | None = None
     height: Annotated[float, between(*HEIGHT)] = 0.5
     wall: WallSection | None = None
@@ -50,17 +49,12 @@ class IsolationSection(OfClass):
         self, building: jp.ShearBuilding, links: Sequence[jp.FloorLink], number: int
     ) -> tuple[Any, tuple[Any, ...]]:
         """A building on the bearings, and its links, also those to the ground, face by face."""
-        options: dict[str, Any] = {"number": number, "height": self.height}
+        options: dict[str, Any] = {"links": links, "number": number, "height": self.height}
         if (wall := self.wall) is not None:
             options["wall"] = jp.MoatWall(of_faces(wall.gap), wall.contact and wall.contact.model())
         with named("isolation:"):
-            isolated, of_base = jp.on_bearings(building, self.model(), self.base_mass, **options)
-        # What led to the ground leads to the base.
-        higher = [
-            replace(x, floor=x.floor + 1, next_floor=x.other_floor + 1, next_building=number)
-            for x in links
-        ]
-        return isolated, by_face((*higher, *of_base))
+            isolated, all_links = jp.on_bearings(building, self.model(), self.base_mass, **options)
+        return isolated, by_face(all_links)
 
 
 def device_of(link: jp.FloorLink) -> str:
@@ -78,9 +72,7 @@ class TunedMassSection(Section):
     damping_ratio: Annotated[float, between(1e-6, 1, "", "of the critical damping")] | None = None
 
     def __post_init__(self) -> None:
-        if self.inertance_ratio is None:
-            self.require_all(("mass_ratio",), " or 'inertance_ratio'")
-            self.refuse_any(("floor",), "must not be given without inertance_ratio")
+        self.require_way(Way(("mass_ratio",)), Way(("inertance_ratio",), ("mass_ratio", "floor")))
 
     def on(
         self, building: jp.ShearBuilding, number: int

@@ -108,8 +108,8 @@ def _short_warnings(strict: bool) -> Iterator[None]:
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
         line = as_line(message)
-        # A run names the link of a finding by its ends alone, the file also by its [[link]].
-        if (key := re.sub(r"^\[\[.*? \((.*?)\):", r"link \1:", line)) not in printed:
+        # A file names the link of a finding by its [[link]], a run by its ends.
+        if (key := re.sub(r"^(\[\[link\]\] .*?|link .*?): ", "", line)) not in printed:
             print("jaxpound: warning:", line, file=sys.stderr)
             printed.add(key)
 
@@ -148,12 +148,6 @@ def _path(text: str) -> Path:
     if not text:
         raise argparse.ArgumentTypeError("must not be empty")
     return Path(text)
-
-
-def _count(text: str) -> int:
-    if not re.fullmatch(r"0*[1-9]\d{0,17}", text):
-        raise argparse.ArgumentTypeError(f"{text!r} must be a positive whole number")
-    return int(text)
 
 
 def _file(name: str, words: str, metavar: str = "FILE", **options: Any) -> Argument:
@@ -232,7 +226,7 @@ _COMMANDS = {  # in the order of the help
         [
             *_configuration("what is to be studied", "an example study"),
             _file("--store", _STUDY, "DIR", required=True),
-            ("--samples", {"help": _SAMPLES, "type": _count, "metavar": "N"}),
+            ("--samples", {"help": _SAMPLES, "type": int, "metavar": "N"}),
             ("--shard", {"help": _SHARD, "default": "1/1", "metavar": "I/N"}),
             _STRICT,
         ],

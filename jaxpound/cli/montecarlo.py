@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import re
 import sys
 from typing import Annotated, Literal
 
-import jax
-
 import jaxpound as jp
 from jaxpound.cli.parameters import Uncertain
 from jaxpound.cli.reading import Count, File, Section, Seed, between, refused
-from jaxpound.ground.intensity import spectral_acceleration
-from jaxpound.ground.measure import Measure
-from jaxpound.ground.motion import GroundLike
-from jaxpound.ground.run_input import as_run
-from jaxpound.quantities import SI
 from jaxpound.simulation.time_steps import natural_periods
 
 _Correlation = Annotated[float, between(-1, 1, "", "of the same parameter of storeys")]
@@ -51,11 +43,11 @@ def run(args: argparse.Namespace) -> None:
     if not shard or not 1 <= int(shard[1]) <= int(shard[2]):
         rule = "must be I/N with I from 1 to N, such as 2/8"
         raise ValueError(f"argument --shard: {args.shard!r} {rule}")
-    measures = {}
-    if options.spectral_acceleration:  # at the natural periods
-        for i, period in enumerate(natural_periods(config.buildings), 1):
-            name = str(Measure.spectral_acceleration(period, SI["time"], SI["acceleration"]))
-            measures[f"spectral_acceleration_{i}"] = SpectralAcceleration(name, period, grid)
+    periods = natural_periods(config.buildings) if options.spectral_acceleration else []
+    measures = {
+        f"spectral_acceleration_{i}": jp.study.SpectralAcceleration.of(config.buildings, x, grid)
+        for i, x in enumerate(periods, 1)
+    }
     storage = jp.Storage(
         args.store,
         chunk_size=options.chunk_size,
@@ -88,17 +80,3 @@ def prepared(file: File, config: StudyConfig) -> tuple[jp.Scenarios, jp.TimeGrid
         rule = "must have a gap: the study is of how often gaps close"
         raise refused(f"{file.name}: a [[link]]", rule)
     return config.scenarios(file, config.study.correlation)
-
-
-@dataclasses.dataclass(frozen=True)
-class SpectralAcceleration:
-    """At the natural period of a building as the file states it, with 5 % of damping, m/s²."""
-
-    measure: str
-    period: float
-    grid: jp.TimeGrid
-
-    def __call__(self, buildings: jp.Buildings, ground: GroundLike) -> jax.Array:
-        """Value in a scenario."""
-        in_si = as_run(ground, self.grid, buildings.gravity)
-        return spectral_acceleration(in_si, self.grid, period=self.period)

@@ -10,29 +10,25 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
-from statistics import NormalDist
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, NoReturn, TypeVar
 
-import jax
 import numpy as np
 from msgspec import field
 
 import jaxpound as jp
 from jaxpound._checks import Range, did_you_mean
 from jaxpound._errors import warn
-from jaxpound.cli.buildings import UNITS, BuildingsLayout, LinkSection
+from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.isolation import device_of
 from jaxpound.cli.reading import File, Section, between, by_key, named, ranges, refused, unknown_key
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import LAWS, ContactSection, DistributionSpec, drawn
-from jaxpound.model.building import PERIOD
-from jaxpound.model.parameters import get, in_words, metadata, paths, put
+from jaxpound.model.parameters import get, in_words, metadata, paths
 from jaxpound.model.places import link_places
 from jaxpound.model.system import is_closable
 from jaxpound.quantities import unit
 from jaxpound.results.named import PAIR
-from jaxpound.scenarios.distributions import RARE
 
 X = TypeVar("X")
 
@@ -97,53 +93,26 @@ class Parameters:
     def refuse(self, place: str, key: str) -> NoReturn:
         """The ``ValueError`` for a key that is none of ``keys``."""
         allowed = [*self.short, *dict.fromkeys(re.sub(r"\.\d+", ".*", x) for x in self.keys)]
-        fault = self._links_lack(_OF_PAIR.get(key, key) if self.short else key)
-        if not fault and re.sub(r"\.\d+", ".*", key) in allowed:
-            place_in_row = "building, floor, storey or [[link]]"
-            fault = f"must be of a {place_in_row} that is there, counted from 1"
-        if fault:
-            raise refused(f"{place} {key}", fault)
+        longer = _OF_PAIR.get(key, key) if self.short else key
+        if owner := re.match(r"(?:\w+\.(?:\d+|\*)\.)+", longer):
+            fits = re.compile(re.escape(owner[0]).replace(r"\*", r"\d+") + r"([a-z_].*)")
+            matches = filter(None, map(fits.fullmatch, self.keys))
+            ends = dict.fromkeys(re.sub(r"\d+", "*", match[1]) for match in matches)
+            meant = did_you_mean(longer[owner.end() :], ends)
+            if ends and not meant:
+                rule = f"must be a parameter of {owner[0][:-1]}: {', '.join(ends)}"
+                raise refused(f"{place} {key}", rule)
+        if re.sub(r"\.\d+", ".*", longer) in allowed:
+            rule = "must be of a building, floor, storey or [[link]] that is there, counted from 1"
+            raise refused(f"{place} {key}", rule)
         meant = did_you_mean(key, allowed) or f"allowed are {', '.join(allowed)}"
         raise ValueError(unknown_key(place, key, meant))
 
-    def _links_lack(self, key: str) -> str:
-        """Why the links of a key, which exist, have no such gap or parameter of a law."""
-        kinds = "|".join(["gap", *LAWS])
-        parts = re.fullmatch(rf"(link\.(?:\d+|\*)\.)({kinds})(?:\.(\w+))?", key)
-        numbers: Any = ranges(LAWS[parts[2]]) if parts and parts[2] in LAWS else [None]
-        if parts is None or parts[3] not in numbers:
-            return ""
-        links = re.compile(re.escape(parts[1]).replace(r"\*", r"\d+") + "(.*)")
-        ends = dict.fromkeys(match[1] for x in self.keys if (match := links.fullmatch(x)))
-        if not ends:
-            return ""  # no such link
-        law = f"{parts[2]}."
-        if of_law := [end.removeprefix(law) for end in ends if end.startswith(law)]:
-            return f"must be a parameter of the law of {parts[2]}, which has {', '.join(of_law)}"
-        links_have = "links have" if "*" in parts[1] else f"{parts[1][:-1]} has"
-        feature = {"gap": "a ", "damper": "a ", "inerter": "an "}.get(parts[2], "") + parts[2]
-        return f"must be of a link with {feature}: {links_have} no {parts[2]}"
-
-    def require_possible(self, extremes: Sequence[tuple[str, str, Mapping[str, float]]]) -> None:
-        """A ``ValueError`` for a parameter with an extreme value that no building can have.
-
-        ``extremes`` are a place in a file, the path of the parameter, and the values of all that
-        are random or chosen, by path.
-        """
-        for place, path, values in extremes:
-            self._range(path).require(f"{place} {self.key_of[path]}", values[path])
-        for place, path, values in extremes:
-            implausible = warnings.catch_warnings(action="ignore", category=jp.PlausibilityWarning)
-            with named(place, UNITS, self.key_of), implausible:
-                at: Any = put(self.buildings, values)
-            kind, number, *_ = path.split(".")
-            if kind == "buildings":
-                period = at.buildings[int(number)].natural_period
-                PERIOD.require(f"{place} building {int(number) + 1}: natural period", period)
-
     def unit_of(self, path: str) -> str:
         """The SI unit of a parameter."""
-        return self._range(path).unit or unit(metadata(self.buildings, path).kind, si=True)
+        parameter = metadata(self.buildings, path)
+        within = parameter.within.unit if parameter.within else ""
+        return within or unit(parameter.kind, si=True)
 
     def in_words(self, path: str) -> str:
         """What a parameter is, and where: ``slip force, 1–2, floor 2``."""
@@ -154,13 +123,6 @@ class Parameters:
         quantity = words.get(field) or metadata(self.buildings, path).words
         quantity = f"damper's {quantity}" if field.startswith("damper.") else quantity
         return f"{quantity}, {link_places(self.buildings.system().topology)[int(k)]}"
-
-    def _range(self, path: str) -> Range:
-        """The range of a storey's parameter, or of one of a [[link]] that its tables state."""
-        if path.startswith("buildings."):
-            return metadata(self.buildings, path).range
-        *_, table, key = self.key_of[path].split(".")
-        return ranges(LAWS.get(table, LinkSection))[key]
 
 
 def _keys(layout: BuildingsLayout) -> dict[str, list[str]]:
@@ -186,7 +148,7 @@ def _keys(layout: BuildingsLayout) -> dict[str, list[str]]:
     return keys
 
 
-FACTOR = Range(0, 1e6, "", "a factor on the value above")
+FACTOR = Range(0, 1000, "", "a factor on the value above")
 Factor = Annotated[float, between(*FACTOR)]
 
 
@@ -221,24 +183,12 @@ def uncertain_structures(
     place: str, table: Mapping[str, Any], parameters: Parameters, correlation: float | None = None
 ) -> jp.UncertainStructures:
     """Buildings whose parameters are multiples of the stated ones by random factors."""
-    for key, factor in table.items():
-        factor.require(f"{place} {key}", FACTOR)
-    stated = by_path(place, table, parameters)
-    multiples, keys = _multiples(place, stated, parameters), _keys_of(stated, parameters)
-    with named(place, UNITS, keys), warnings.catch_warnings(record=True) as doubts:
+    multiples, keys = multiples_of(place, table, parameters)
+    with named(place, keys), warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always", jp.PlausibilityWarning)
         uncertain = jp.UncertainStructures(parameters.buildings, multiples, correlation)
     said = [by_key(str(x.message), keys).partition(": ")[2] for x in doubts]
     warn([f"{place} {x}" for x in said])
-    # Each parameter at both ends of its range, the others at their medians.
-    z = NormalDist().inv_cdf(RARE) * np.linalg.inv(np.linalg.cholesky(uncertain.correlations)).T
-    rows = jax.jit(jax.vmap(jax.vmap(uncertain.parameters)))(np.array([z, -z]))
-    extremes = []
-    for i, (path, (key, _)) in enumerate(stated.items()):
-        rare = f"{place} {key} = {table[key]}, once in {1 / RARE:,.0f} draws:"
-        for end in (0, 1):
-            extremes.append((rare, path, {x: float(rows[x][end, i]) for x in stated}))
-    parameters.require_possible(extremes)
     return uncertain
 
 
@@ -264,33 +214,21 @@ class Uncertain(Shaken, kw_only=True):
 
 def design_space(place: str, table: Mapping[str, Any], parameters: Parameters) -> jp.DesignSpace:
     """Buildings whose parameters may be chosen between multiples of the stated ones."""
-    stated = by_path(place, table, parameters)
-    multiples = _multiples(place, stated, parameters)
-    with named(place, UNITS, _keys_of(stated, parameters)):
-        space = jp.DesignSpace(parameters.buildings, multiples)
-        start = space.shares(parameters.buildings)
-    extremes = []
-    for i, path in enumerate(space.names):
-        key, _ = stated[path]
-        for end in (0.0, 1.0):
-            numbers = space.numbers(np.where(np.arange(len(start)) == i, end, start))
-            values = {x: float(y) for x, y in numbers.items()}
-            extremes.append((f"{place} {key} = {table[key]}, at a bound:", path, values))
-    parameters.require_possible(extremes)
-    return space
+    multiples, keys = multiples_of(place, table, parameters)
+    with named(place, keys):
+        return jp.DesignSpace(parameters.buildings, multiples)
 
 
-def _keys_of(stated: Mapping[str, tuple[str, Any]], parameters: Parameters) -> dict[str, str]:
-    """Keys by path, those of a table as it states them."""
-    own = {path: key for path, (key, _) in stated.items() if "*" not in key}
-    return parameters.key_of | {path: key for path, key in own.items() if key != _INVERSE}
-
-
-def _multiples(
-    place: str, stated: Mapping[str, tuple[str, Any]], parameters: Parameters
-) -> dict[str, Any]:
-    multiples = {}
-    for path, (key, factor) in stated.items():
+def multiples_of(
+    place: str, table: Mapping[str, Any], parameters: Parameters
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """The multiples of stated values by a table's factors, and the keys, by path."""
+    multiples, keys = {}, dict(parameters.key_of)
+    for path, (key, factor) in by_path(place, table, parameters).items():
+        if isinstance(factor, DistributionSpec):
+            factor.require(f"{place} {key}", FACTOR)
         with named(f"{place} {key}:"):
             multiples[path] = factor.times(float(get(parameters.buildings, path)))
-    return multiples
+        if "*" not in key and key != _INVERSE:
+            keys[path] = key
+    return multiples, keys

@@ -18,8 +18,8 @@ from jaxpound._errors import warn
 from jaxpound._tables import TextTable
 from jaxpound.cli.files import VERSION, csv_text, kept_search, write_report
 from jaxpound.cli.parameters import Parameters, Uncertain, by_path
-from jaxpound.cli.reading import Count, File, Numbers, Section, Seed, between, named, refused
-from jaxpound.cli.tables import Gap, require_threshold
+from jaxpound.cli.reading import Count, File, Section, Seed, Way, between, named, refused, says
+from jaxpound.cli.tables import Threshold
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.parameters import get
 from jaxpound.reliability.run import choice, require_smooth
@@ -27,6 +27,7 @@ from jaxpound.reliability.target import WITHOUT_JUMPS
 from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, unit_of
 from jaxpound.scenarios.scenarios import grounds_at
 
+_Thresholds = says("a list of two numbers or more, each above 0", min_length=2)
 _CHECKED = 64  # random earthquakes that must be plausible
 _OF_STEP = ("value", "probability", "cov", "slope_of_ln_probability", "slope_error")
 
@@ -34,23 +35,13 @@ _OF_STEP = ("value", "probability", "cov", "slope_of_ln_probability", "slope_err
 class LimitTable(Section):
     """The event: that links close by a gap, or that a demand reaches a threshold."""
 
-    gap: Gap | None = None
+    gap: Threshold | None = None
     demand: str | None = None
-    threshold: float | None = None
-    thresholds: Numbers | None = None
+    threshold: Threshold | None = None
+    thresholds: Annotated[list[Threshold], _Thresholds] | None = None
 
     def __post_init__(self) -> None:
-        if self.demand is None:
-            rule = "must be given with demand; of the required gap it is gap"
-            self.refuse_any(("threshold",), rule)
-        else:
-            self.require_all(("threshold",), ", which demand needs")
-            self.refuse_any(("gap",), "must not be given with demand")
-        for threshold in self.thresholds or ():
-            require_threshold("thresholds", self.demand_name, threshold)
-        if self.lowest_threshold is not None:
-            key = "gap" if self.demand is None else "threshold"
-            require_threshold(key, self.demand_name, self.lowest_threshold)
+        self.require_way(Way((), ("gap",)), Way(("demand", "threshold")))
 
     @property
     def demand_name(self) -> str:
@@ -61,11 +52,6 @@ class LimitTable(Section):
     def lowest_threshold(self) -> float | None:
         """The threshold; None for pounding across the gaps of the structures."""
         return self.gap if self.demand is None else self.threshold
-
-    @property
-    def unit(self) -> str:
-        """The SI unit of the demand; empty for a pure number."""
-        return unit_of(self.demand_name, si=True)
 
 
 class EstimationTable(Section):
@@ -92,13 +78,24 @@ class RareConfig(Uncertain, kw_only=True):
     search: EstimationTable = EstimationTable()
     design: TargetSpec | None = None
 
+    def target_path(self, file: File) -> str:
+        """The path of the parameter that is changed; empty if there is none."""
+        if self.design is None:
+            return ""
+        place, key = f"{file.name}: [design] parameter:", self.design.parameter
+        path, *others = by_path(place, {key: None}, Parameters(self.layout))
+        if others:
+            raise refused(f"{place} {key}", "must stand for one parameter")
+        return path
+
     @property
     def event(self) -> str:
         """The event in words."""
         if (threshold := self.limit.lowest_threshold) is None:
             return "pounding"
         words = in_words(self.limit.demand_name, self.buildings.system().topology)
-        return f"{words} of {f'{threshold:g} {self.limit.unit}'.rstrip()} or more"
+        number = f"{threshold:g} {unit_of(self.limit.demand_name, si=True)}".rstrip()
+        return f"{words} of {number} or more"
 
 
 class RareResult(NamedTuple):
@@ -107,25 +104,18 @@ class RareResult(NamedTuple):
     config: RareConfig
     event: jp.RareEvent
     curve: Mapping[float, jp.RareEvent]  # events by other thresholds, which rise
-    target: dict[str, Any] | None = None  # ``reached``, for JSON
+    target: jp.reliability.TargetResult | None = None
 
 
 def run(args: argparse.Namespace) -> None:
     """Run the command."""
     file = File.opened(args.config, "rare")
     config = file.read(RareConfig)
-    design = None
-    if config.design is not None:
-        place, key = f"{file.name}: [design] parameter:", config.design.parameter
-        parameters = Parameters(config.layout)
-        path, *others = by_path(place, {key: None}, parameters)
-        if others:
-            raise refused(f"{place} {key}", "must stand for one parameter")
-        design = config.design, path, parameters
+    path = config.target_path(file)
     state = limit_state(file, config)
     with named(f"{file.name}: [search]"):
         choice(state, config.search.method)  # before a folder is made
-    if design is not None:
+    if path:
         with named(f"{file.name}: [design]"):
             require_smooth(state, WITHOUT_JUMPS)
     size = first_of(_CHECKED, state.grid), state.dimension
@@ -134,8 +124,8 @@ def run(args: argparse.Namespace) -> None:
     warn(of_many(grounds, state.grid, in_g=True), args.strict)
     with kept_search(args, "store", "", file.text.encode()):
         result = searched(file, config, state, args.store)
-        if design is not None:
-            result = result._replace(target=reached(file, *design, result, args.store))
+        if config.design is not None:
+            result = result._replace(target=reached(file, config.design, path, result, args.store))
         report_result(args, file, result)
 
 
@@ -179,43 +169,21 @@ def searched(
 
 
 def reached(
-    file: File,
-    target: TargetSpec,
-    path: str,
-    parameters: Parameters,
-    result: RareResult,
-    store: Path | None,
-) -> dict[str, Any]:
-    """The parameter at which the event has the target probability, for JSON."""
-    config, state = result.config, result.event.limit_state
+    file: File, target: TargetSpec, path: str, result: RareResult, store: Path | None
+) -> jp.reliability.TargetResult:
+    """The parameter at which the event has the target probability."""
+    state = result.event.limit_state
     with named(f"{file.name}: [design]"):
-        reach = jp.reach_probability(
+        return jp.reach_probability(
             path,
             target.probability,
             state,
             tolerance=target.tolerance,
-            key=config.search.seed,
+            key=result.config.search.seed,
             start=result.event,
             store=store and store / "design",
             progress=sys.stderr.isatty(),
         )
-    return {
-        "parameter": parameters.key_of[path],
-        "unit": parameters.unit_of(path),
-        "before": float(get(parameters.buildings, path)),
-        "value": reach.value,
-        "standard_error": reach.error,
-        "wanted_probability": reach.target,
-        "probability": reach.event.probability,
-        "cov": reach.event.cov,
-        "runs": reach.runs,
-        "gradients": reach.gradients,
-        "warnings": list(reach.event.warnings),
-        "steps": [
-            dict(zip(_OF_STEP, (*step[:3], step.slope.value, step.slope.error), strict=True))
-            for step in reach.steps
-        ],
-    }
 
 
 def report_result(args: argparse.Namespace, file: File, result: RareResult) -> None:
@@ -261,7 +229,7 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
         **file.origin,
         "event": result.config.event,
         "demand": limit.demand_name,
-        "unit": limit.unit,
+        "unit": unit_of(limit.demand_name, si=True),
         "random_numbers": event.limit_state.dimension,
         **_numbers(limit.lowest_threshold, event),
         "method": event.method,
@@ -271,7 +239,7 @@ def summary(file: File, result: RareResult) -> dict[str, Any]:
         "mean_time_of_failure_s": float(times @ shares) if len(times) else None,
         "design_earthquakes": earthquakes,
         "curve": [_numbers(*pair) for pair in result.curve.items()],
-        "design": result.target,
+        "design": result.target and _of_target(result.config, result.target),
     }
 
 
@@ -289,6 +257,25 @@ def _numbers(threshold: float | None, event: jp.RareEvent) -> dict[str, Any]:
     }
 
 
+def _of_target(config: RareConfig, target: jp.reliability.TargetResult) -> dict[str, Any]:
+    parameters = Parameters(config.layout)
+    steps = ((*step[:3], step.slope.value, step.slope.error) for step in target.steps)
+    return {
+        "parameter": parameters.key_of[target.path],
+        "unit": parameters.unit_of(target.path),
+        "before": float(get(parameters.buildings, target.path)),
+        "value": target.value,
+        "standard_error": target.error,
+        "wanted_probability": target.target,
+        "probability": target.event.probability,
+        "cov": target.event.cov,
+        "runs": target.runs,
+        "gradients": target.gradients,
+        "warnings": list(target.event.warnings),
+        "steps": [dict(zip(_OF_STEP, step, strict=True)) for step in steps],
+    }
+
+
 def tables(result: RareResult) -> list[TextTable]:
     """The results for people."""
     config, (of_event,) = result.config, result.event._tables()
@@ -302,13 +289,4 @@ def tables(result: RareResult) -> list[TextTable]:
             notes += [f"at {threshold:.4g}: warning: {warning}" for warning in event.warnings]
         table = TextTable.of(columns, rows)
         parts.append(table._replace(title="Probability by threshold", notes=notes))
-    if (target := result.target) is not None:
-        key, symbol, keys = target["parameter"], target["unit"], ("value", "probability", "cov")
-        names = ("step", f"{key} ({symbol or '-'})", "probability", "c.o.v.")
-        steps = [(str(i), *(step[x] for x in keys)) for i, step in enumerate(target["steps"], 1)]
-        value = f"{target['value']:.5g} ± {target['standard_error']:.2g} {symbol}".rstrip()
-        notes = [f"{target['runs']:,} runs, {target['gradients']:,} gradients"]
-        notes += [f"warning: {warning}" for warning in target["warnings"]]
-        title = f"For a probability of {target['wanted_probability']:g}: {key} = {value}"
-        parts.append(TextTable.of(names, steps)._replace(title=title, notes=notes))
-    return parts
+    return [*parts, *(result.target._tables() if result.target else ())]

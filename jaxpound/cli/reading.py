@@ -13,22 +13,28 @@ import tomllib
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from types import NoneType
-from typing import Annotated, Any, Literal, TypeVar, dataclass_transform, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, TypeVar, dataclass_transform, get_args
 
 import msgspec
 from msgspec import inspect
 
-from jaxpound._checks import Range, did_you_mean
+from jaxpound._checks import Range, did_you_mean, refusal
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Parameter, walk
 from jaxpound._version import __version__
 from jaxpound.cli.files import example
-from jaxpound.cli.syntax import long_key, syntax_error
 
 _MOST_BYTES = 2**20  # of a file: a configuration is a page of text
 _MOST_SHOWN = 80  # characters of a value in a message
+_MOST_PARTS = 20  # of a key: their number squared takes memory
+_LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}")
+_NUMBERS = {  # how TOML has numbers, by what is often written instead
+    r"=\s*-?\d+,\d": "a decimal point, not a comma: 0.1",
+    r"[=\[,]\s*-?\.\d": "a number begins with a digit: 0.1, not .1",
+    r"[=\[,]\s*-?\d+\.(?!\d)": "a digit follows the point: 1.0, not 1.",
+}
 _TOP = "the top level"
 
 T = TypeVar("T", bound="Section")
@@ -57,6 +63,40 @@ class Section(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             if getattr(self, key) is None:
                 raise ValueError(f"lacks the key {key!r}{why}")
 
+    def require_way(self, *ways: Way) -> Way:
+        """The way in which the table is stated, which has most of its keys.
+
+        A ``ValueError`` for a key of another way, or one that this needs and is left out.
+        """
+        stated = [key for key in self.stated() if any(key in way.keys for way in ways)]
+        known = [len({*stated} & {*way.keys}) for way in ways]
+        nearest = [way for way, n in zip(ways, known, strict=True) if n == max(known)]
+        way = nearest[0]
+        for key in stated:
+            if key not in way.keys:
+                others = ", or ".join(str(x) for x in ways if x is way or key in x.keys)
+                raise ValueError(f"must not have {key} here; give {others}")
+        if missing := [key for key in way.needed if key not in stated]:
+            give = ", or ".join(map(str, nearest))
+            raise ValueError(f"lacks {', '.join(missing)}; give {give}")
+        return way
+
+
+class Way(NamedTuple):
+    """Keys that state a table: those that are needed, and those that may be given with them."""
+
+    needed: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """All of them."""
+        return self.needed + self.optional
+
+    def __str__(self) -> str:
+        optional = f" ({', '.join(self.optional)})" if self.optional else ""
+        return f"{', '.join(self.needed)}{optional}".strip()
+
 
 def refused(key: str, rule: str, value: str = "") -> InvalidInput:
     """The error for a key of a table, or for its value as it is printed."""
@@ -75,9 +115,12 @@ def of_field(cls: type, name: str) -> msgspec.Meta:
     return between(*parameter.range)
 
 
-def says(words: str, allowed: Range | None = None, **rules: Any) -> msgspec.Meta:
-    """Annotation: ``words`` complete 'must be', ``allowed`` is the range of numbers inside."""
-    return msgspec.Meta(extra={"says": words, "range": allowed}, **rules)
+def says(words: str, allowed: Range | None = None, alone: Any = None, **rules: Any) -> msgspec.Meta:
+    """Annotation: ``words`` complete 'must be', ``allowed`` is the range of numbers inside.
+
+    A number in the place of a list or table is of the type ``alone``.
+    """
+    return msgspec.Meta(extra={"says": words, "range": allowed, "alone": alone}, **rules)
 
 
 def each(number: Any, alone: bool = True) -> msgspec.Meta:
@@ -164,30 +207,38 @@ class File:
 
     def read(self, kind: type[T]) -> T:
         """What the file holds; a ``ValueError`` for its first fault."""
-        if fault := long_key(self.text):
-            raise ValueError(f"{self.name}{fault}")
-        content, tables = self._parsed(self.text), entries(kind)
+        content, tables = self._parsed(), entries(kind)
         for name, table in content.items():
             if isinstance(table, dict) and name in tables and _is_dict(tables[name]):
                 content[name] = _by_path(table)
         try:
             return msgspec.convert(content, kind)
         except msgspec.ValidationError as error:
-            fault = _table_fault(kind, content, _TOP, kind) or str(error)
+            fault = refusal(partial(_require_table, kind, content, _TOP, kind)) or str(error)
             raise ValueError(f"{self.name}: {fault}") from error
 
-    def _parsed(self, text: str) -> dict[str, Any]:
+    def _parsed(self) -> dict[str, Any]:
+        if key := _LONG_KEY.search(self.text):
+            place = f"{self.name}:{self.text.count(chr(10), 0, key.start()) + 1}"
+            raise ValueError(f"{place}: a key must have at most {_MOST_PARTS} parts, between dots")
         try:
-            return tomllib.loads(text)
+            return tomllib.loads(self.text)
         except tomllib.TOMLDecodeError as error:
-            raise ValueError(f"{self.name}{syntax_error(text, str(error))}") from error
+            raise ValueError(f"{self.name}{self._syntax_error(str(error))}") from error
         except RecursionError as error:
             raise ValueError(f"{self.name}: its lists or tables are nested too deeply") from error
-        except ValueError:
-            # Python reads at most 4,300 digits; cut to these, a number still exceeds every range.
-            most = sys.get_int_max_str_digits()
-            long = rf"(?<![\d_])\d[\d_]{{{most},}}"
-            return self._parsed(re.sub(long, lambda x: x[0].replace("_", "")[:most], text))
+        except ValueError as error:
+            most = f"{sys.get_int_max_str_digits():,} digits"
+            raise ValueError(f"{self.name}: a whole number must have at most {most}") from error
+
+    def _syntax_error(self, message: str) -> str:
+        """Message for a line that is not TOML: its number, its text, and the reason."""
+        if not (number := re.search(r"at line (\d+)", message)):
+            return f": {message}"
+        line = self.text.splitlines()[int(number[1]) - 1].strip()
+        hints = [hint for form, hint in _NUMBERS.items() if re.search(form, line)]
+        reason = "; ".join([message, *hints[:1]])
+        return f":{number[1]}: {_shortened_to_fit(line)}: {reason}"
 
 
 def _by_path(table: dict[str, Any], above: str = "") -> dict[str, Any]:
@@ -201,12 +252,10 @@ def _by_path(table: dict[str, Any], above: str = "") -> dict[str, Any]:
 
 
 @contextmanager
-def named(
-    place: str, units: Mapping[str, str] | None = None, keys: Mapping[str, str] | None = None
-) -> Iterator[None]:
+def named(place: str, keys: Mapping[str, str] | None = None) -> Iterator[None]:
     """Replace the owner in messages of the library by the place in the file.
 
-    ``units`` of the numbers in them are by name, ``keys`` of a file by the parameter's path.
+    ``keys`` of a file are by the parameter's path.
     """
     try:
         yield
@@ -217,11 +266,7 @@ def named(
             message = str(error.replaced(owner=part))
         else:
             message = re.sub(r"^[A-Za-z_.]+: ", "", str(error))
-        message = by_key(message, keys or {})
-        for name, unit in (units or {}).items():
-            if unit:
-                message = re.sub(rf"(?<!\w)({name} = -?[\w.+-]*\w)", rf"\1 {unit}", message)
-        raise ValueError(f"{place} {message}".lstrip()) from error
+        raise ValueError(f"{place} {by_key(message, keys or {})}".lstrip()) from error
 
 
 def by_key(message: str, keys: Mapping[str, str]) -> str:
@@ -230,8 +275,8 @@ def by_key(message: str, keys: Mapping[str, str]) -> str:
     return re.sub(rf"(?<![\w.])({paths})(?!\w)", lambda path: keys[path[0]], message)
 
 
-def _table_fault(kind: Any, table: dict[str, Any], title: str, root: Any) -> str:
-    """The fault of a table, in words; empty if it has none.
+def _require_table(kind: Any, table: dict[str, Any], title: str, root: Any) -> None:
+    """A ``ValueError`` for the first fault of a table.
 
     ``title`` is ``_TOP``, a [table], one of [[tables]] with its number, or "it": a key's value.
     """
@@ -240,37 +285,36 @@ def _table_fault(kind: Any, table: dict[str, Any], title: str, root: Any) -> str
         kinds = dict.fromkeys(table, get_args(kind)[1])
     for key, value in table.items():
         if key not in kinds:
-            return unknown_key(title, key, _meant(key, kind, root))
+            raise ValueError(unknown_key(title, key, _meant(key, kind, root)))
         inner = f"[{key}]" if title == _TOP else f"{place}{key}"
         if item := of_array(kinds[key]):
-            fault = _array_fault(item, value, key, root)
+            _require_tables(item, value, key, root)
         elif not is_table(kinds[key]):
-            fault = _fault(kinds[key], value, f"{place}{key}")
+            _require(kinds[key], value, f"{place}{key}")
         elif isinstance(value, dict):
-            fault = _table_fault(kinds[key], value, inner, root)
+            _require_table(kinds[key], value, inner, root)
         else:
             heading = f", {inner}" if title == _TOP else ""
-            fault = f"{place}{key} = {shown(value)} must be a table{heading}"
-        if fault:
-            return fault
+            raise ValueError(f"{place}{key} = {shown(value)} must be a table{heading}")
     for field in getattr(_bare(kind)[0], "fields", ()):
         key = field.encode_name
         if field.required and key not in table:
             noun = f"the table [{key}]" if is_table(kinds[key]) else f"the key '{key}'"
-            return f"{title} lacks {noun}"
-    return f"{place}{fault}" if (fault := _refusal(kind, table)) else ""
+            raise ValueError(f"{title} lacks {noun}")
+    if fault := _refusal(kind, table):
+        raise ValueError(f"{place}{fault}")
 
 
-def unknown_key(place: str, key: str, meant: str, noun: str = "key") -> str:
-    """The message on an unknown key, with the question or list that says what is ``meant``."""
-    return f"{place} has an unknown {noun} {_shortened_to_fit(repr(key))}; {meant}"
-
-
-def _array_fault(kind: type[Section], array: Any, key: str, root: Any) -> str:
+def _require_tables(kind: type[Section], array: Any, key: str, root: Any) -> None:
     if not isinstance(array, list) or not all(isinstance(table, dict) for table in array):
-        return f"{key} = {shown(array)} must be tables, each below a line [[{key}]]"
-    faults = (_table_fault(kind, table, f"[[{key}]] {i}", root) for i, table in enumerate(array, 1))
-    return next(filter(None, faults), "")
+        raise ValueError(f"{key} = {shown(array)} must be tables, each below a line [[{key}]]")
+    for i, table in enumerate(array, 1):
+        _require_table(kind, table, f"[[{key}]] {i}", root)
+
+
+def unknown_key(place: str, key: str, meant: str) -> str:
+    """The message on an unknown key, with the question or list that says what is ``meant``."""
+    return f"{place} has an unknown key {_shortened_to_fit(repr(key))}; {meant}"
 
 
 def _meant(key: str, kind: Any, root: Any) -> str:
@@ -287,49 +331,43 @@ def _meant(key: str, kind: Any, root: Any) -> str:
     return f"allowed are {', '.join(allowed)}"
 
 
-def _fault(kind: Any, value: Any, place: str) -> str:
-    """The fault of the value of a key, in words; empty if it has none."""
+def _require(kind: Any, value: Any, place: str) -> None:
+    """A ``ValueError`` for the value of a key that is not of its type."""
     if not _refusal(kind, value):
-        return ""
+        return
     info, annotations = _bare(kind)
-    text, allowed = shown(value), annotations.get("range")
     if annotations.get("alone") and is_number(value):
-        return _fault(annotations["alone"], value, place)
-    if "each" in annotations and isinstance(value, list) and value:
-        of_storey = enumerate(value, 1)
-        faults = (_fault(annotations["each"], x, f"{place}: storey {i}") for i, x in of_storey)
-        return next(filter(None, faults), "")
+        _require(annotations["alone"], value, place)
+    if "each" in annotations and isinstance(value, list):
+        for i, x in enumerate(value, 1):
+            _require(annotations["each"], x, f"{place}: storey {i}")
+    text, rule = shown(value), _rule(info, annotations, value)
+    if (allowed := annotations.get("range")) and rule == allowed.rule:
+        text = allowed.with_unit(text)
+    raise ValueError(f"{place} = {text} must be {rule}")
+
+
+def _rule(info: Any, annotations: Mapping[str, Any], value: Any) -> str:
+    """The rule that a value breaks; completes 'must be'."""
     if "says" in annotations:
-        rule = annotations["says"] + _inner_fault(info, value)
-    elif allowed:
+        return annotations["says"] + _inner_fault(info, value)
+    if allowed := annotations.get("range"):
         if isinstance(info, inspect.IntType) and type(value) is not int:
-            rule = "a whole number"
-        elif not is_number(value):
-            rule = "a finite number"
-        else:
-            text, rule = allowed.with_unit(text), allowed.rule
-    elif isinstance(info, inspect.LiteralType):
-        words = _words(kind)
-        rule = "one of " + ", ".join(f'"{word}"' for word in words)
-        if isinstance(value, str) and (close := did_you_mean(value, words)):
-            rule += f"; {close}"
-    else:
-        words_of: dict[Any, str] = {inspect.BoolType: "true or false", inspect.StrType: "a text"}
-        rule = words_of.get(type(info), "a finite number")
-    return f"{place} = {text} must be {rule}"
+            return "a whole number"
+        return allowed.rule if is_number(value) else "a finite number"
+    if isinstance(info, inspect.LiteralType):
+        words = [str(word) for word in info.values]
+        close = did_you_mean(value, words) if isinstance(value, str) else ""
+        return f"one of {', '.join(map(json.dumps, words))}{'; ' * bool(close)}{close}"
+    words_of: dict[Any, str] = {inspect.BoolType: "true or false", inspect.StrType: "a text"}
+    return words_of.get(type(info), "a finite number")
 
 
 def _inner_fault(info: Any, value: Any) -> str:
+    """The faults of a value as each of the tables that it may be, in words."""
     tables = getattr(info, "types", [info]) if isinstance(value, dict) else []
     kinds = [inner.cls for inner in tables if isinstance(inner, inspect.StructType)]
-    return "".join(f"; {_table_fault(kind, value, 'it', kind)}" for kind in kinds)
-
-
-def _words(kind: Any) -> tuple[str, ...]:
-    """The words of a literal, or of one that may be left out, in their order."""
-    if get_origin(kind) is Literal:
-        return get_args(kind)
-    return next((_words(x) for x in get_args(kind) if x is not NoneType), ())
+    return "".join(f"; {refusal(partial(_require_table, x, value, 'it', x))}" for x in kinds)
 
 
 def _refusal(kind: Any, value: Any) -> str:

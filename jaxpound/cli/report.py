@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 import jaxpound as jp
-from jaxpound._tables import TextTable, rounded
+from jaxpound._tables import TextTable
 from jaxpound.cli import files
-from jaxpound.model.parameters import in_words as in_words_of
+from jaxpound.model.parameters import in_words as path_in_words
 from jaxpound.model.places import link_places
-from jaxpound.results.named import in_words, quantity_named, unit_of
+from jaxpound.results.named import in_words, unit_of
 from jaxpound.study.fragility import ANY_LINK
 from jaxpound.study.gaps import RULES
+from jaxpound.study.statistics import Estimate
 
 PROBABILITIES = (0.1, 0.05, 0.01, 0.001)  # of exceedance, for which required gaps are reported
 
@@ -25,10 +26,8 @@ _INTENSITIES = ("pga", "pgv", "spectral_acceleration_")  # starts of the names o
 _QUANTILES = {0.05: "5 % quantile", 0.5: "median", 0.95: "95 % quantile"}
 _MOST_CORRELATIONS = 8
 
-_GAPS = ("exceeded with probability", "unit", "required gap", "95 % interval")
 _DEMANDS = ("demand", "unit", "mean", "standard deviation", *_QUANTILES.values(), "largest")
 _ERRORS = ("median θ", "standard error of θ", "dispersion β", "standard error of β")
-_FRAGILITY = ("fragility by", "unit", *_ERRORS)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -69,15 +68,14 @@ def fragilities(study: jp.Study) -> dict[str, jp.study.Fragility]:
 
 def fragilities_of_links(study: jp.Study) -> dict[str, jp.study.Fragility]:
     """Pounding against PGA at each of several links that can close, and at any of them."""
-    places, numbers = link_places(study.topology), _closing(study)
+    places, numbers = link_places(study.topology), several_links(study)
     links = {places[k]: k for k in numbers} | ({ANY_LINK: None} if len(numbers) > 1 else {})
     return {name: curve for name, k in links.items() if (curve := _fragility(study, "pga", k))}
 
 
-def _closing(study: jp.Study) -> list[int]:
-    """Each link of several that has a gap, by number from 0."""
-    n = study.n_links
-    return [k for k in range(n if n > 1 else 0) if study.finite(f"min_gap_{k + 1}").size]
+def several_links(study: jp.Study) -> tuple[int, ...]:
+    """The links that can close, where there are several links."""
+    return study.closable_links if study.n_links > 1 else ()
 
 
 def _fragility(study: jp.Study, name: str, link: int | None = None) -> jp.study.Fragility | None:
@@ -95,7 +93,7 @@ def is_pair(study: jp.Study) -> bool:
 def of_links(study: jp.Study, curves: Mapping[str, jp.study.Fragility]) -> list[dict[str, Any]]:
     """Each link of several that has a gap: its place, its pounding, and its fragility by PGA."""
     places, rows = link_places(study.topology), []
-    for k in _closing(study):
+    for k in several_links(study):
         curve = curves.get(places[k])
         row: dict[str, Any] = {"link": k + 1, "between": places[k], **_of_pounding(study, k)}
         row["fragility_by_pga"] = None if curve is None else files.of_fragility(curve)
@@ -113,10 +111,8 @@ def _of_pounding(study: jp.Study, link: int | None = None) -> dict[str, Any]:
     column = "required_gap" if link is None else f"required_gap_{link + 1}"
     asked = PROBABILITIES if column in study.columns else ()
     return {
-        "pounding_probability": files.of_estimate(study.pounding_probability(link=link)),
-        "required_gap": {
-            str(p): files.of_estimate(study.required_gap(p, link=link)) for p in asked
-        },
+        "pounding_probability": study.pounding_probability(link=link)._asdict(),
+        "required_gap": {str(p): study.required_gap(p, link=link)._asdict() for p in asked},
     }
 
 
@@ -155,27 +151,30 @@ def summary(
     defined = [(name, value) for name, value in correlations.items() if np.isfinite(value)]
     ranked = sorted(defined, key=lambda item: -abs(item[1]))[:_MOST_CORRELATIONS]
     counts = study.counts() if "n_impacts" in study.columns else {}
-    return files.json_safe(
-        {
-            "made_by": identity["versions"],
-            "samples": len(study),
-            "samples_asked_for": study.about["n"],
-            "failed": study.failed,
-            "sampling": identity["sampling"],
-            "units": "SI" if si else "dimensionless",
-            "grid": {"dt": identity["grid"]["dt"], "n_steps": identity["grid"]["n_steps"]},
-            **pounding,
-            "demands": demands,
-            "impacts": {str(k): files.of_estimate(x) for k, x in counts.items()},
-            f"correlations_with_{column}": dict(ranked),
-            "fragility": {
-                name: {"unit": unit_of(name, si)} | files.of_fragility(curve)
-                for name, curve in curves.items()
-            },
-            "double_difference_correlation": correlation,
-            "links": of_links(study, by_link),
-        }
-    )
+    return {
+        "made_by": identity["versions"],
+        "samples": len(study),
+        "samples_asked_for": study.about["n"],
+        "failed": study.failed,
+        "sampling": identity["sampling"],
+        "units": "SI" if si else "dimensionless",
+        "grid": {"dt": identity["grid"]["dt"], "n_steps": identity["grid"]["n_steps"]},
+        **pounding,
+        "demands": demands,
+        "impacts": {str(k): x._asdict() for k, x in counts.items()},
+        f"correlations_with_{column}": dict(ranked),
+        "fragility": {
+            name: {"unit": unit_of(name, si)} | files.of_fragility(curve)
+            for name, curve in curves.items()
+        },
+        "double_difference_correlation": correlation,
+        "links": of_links(study, by_link),
+    }
+
+
+def _estimate(answer: Mapping[str, float]) -> str:
+    """An estimate of the summary with its interval, as the library prints it."""
+    return str(Estimate(*(answer[key] for key in Estimate._fields)))
 
 
 def _links_parts(links: list[dict[str, Any]], si: bool) -> list[str | TextTable]:
@@ -183,8 +182,7 @@ def _links_parts(links: list[dict[str, Any]], si: bool) -> list[str | TextTable]
     for link in links:
         gaps, curve = link["required_gap"], link["fragility_by_pga"] or {}
         row = {"link": str(link["link"]), "between": link["between"]}
-        row["probability of pounding"] = link["pounding_probability"]["value"]
-        row["95 % interval"] = _ends(link["pounding_probability"])
+        row["probability of pounding"] = _estimate(link["pounding_probability"])
         for p in PROBABILITIES[:3]:
             gap = gaps.get(str(p), {}).get("value")
             row[f"gap ({unit_of('required_gap', si)}) at {p}"] = gap
@@ -202,27 +200,22 @@ def _links_parts(links: list[dict[str, Any]], si: bool) -> list[str | TextTable]
 
 def parts_of_page(answers: dict[str, Any], checked_floors: str) -> list[str | TextTable]:
     """The paragraphs and tables on a study, from its summary; as ``Study.checked_floors``."""
-    si = answers["units"] == "SI"
-    p, links = answers["pounding_probability"], answers["links"]
-    unfinished = answers["samples"] != answers["samples_asked_for"]
+    si, links, asked_for = answers["units"] == "SI", answers["links"], answers["samples_asked_for"]
+    unfinished = f" of {asked_for:,} asked for (unfinished)"
     parts: list[str | TextTable] = [
-        f"{answers['samples']:,} scenarios"
-        + (f" of {answers['samples_asked_for']:,} asked for (unfinished)" if unfinished else "")
-        + f", {answers['failed']:,} failed; {answers['sampling']} sampling; "
-        f"jaxpound {answers['made_by']['jaxpound']}. Intervals are of 95 %."
+        f"{answers['samples']:,} scenarios{unfinished if answers['samples'] != asked_for else ''}, "
+        f"{answers['failed']:,} failed; {answers['sampling']} sampling; "
+        f"jaxpound {answers['made_by']['jaxpound']}."
         + ("" if si else " Units are those of the dimensionless system."),
         f"**Probability of pounding{' at any link' if links else ''}{checked_floors}: "
-        f"{rounded(p['value'])} ({_ends(p)})**",
+        f"{_estimate(answers['pounding_probability'])}**",
     ]
     if gaps := answers["required_gap"]:
         correlation = answers["double_difference_correlation"]
         rules = RULES if correlation is not None else {}
-        gap_unit = unit_of("required_gap", si)
-        rows = [
-            (share, gap_unit, row["value"], _ends(row), *(row[rule] for rule in rules))
-            for share, row in gaps.items()
-        ]
-        parts.append(TextTable.of((*_GAPS, *rules.values()), rows))
+        rows = [(p, _estimate(gap), *(gap[rule] for rule in rules)) for p, gap in gaps.items()]
+        heading = f"required gap ({unit_of('required_gap', si)})"
+        parts.append(TextTable.of(("exceeded with probability", heading, *rules.values()), rows))
         if rules:
             parts.append(
                 "The rules of codes combine the peak displacements that are exceeded with the same "
@@ -232,32 +225,23 @@ def parts_of_page(answers: dict[str, Any], checked_floors: str) -> list[str | Te
     if links:
         parts += _links_parts(links, si)
     if impacts := answers["impacts"]:
-        counts = [(n, share["value"], _ends(share)) for n, share in impacts.items()]
+        counts = [(n, _estimate(share)) for n, share in impacts.items()]
         parts += [
-            TextTable.of(("number of impacts", "probability", "95 % interval"), counts),
+            TextTable.of(("number of impacts", "probability"), counts),
             "The gap that would be required cannot be told from buildings that meet: leave out "
             "[contact] for it. The time of the first impact is that of the scenarios with one.",
         ]
-    demands = []
-    for name, row in answers["demands"].items():
-        words, unit, *numbers = row.values()
-        unit = unit or ("-" if quantity_named(name) else "of the measure")
-        demands.append((words, unit, *numbers))
+    demands = [
+        (name, unit or "-", *x) for name, unit, *x in map(dict.values, answers["demands"].values())
+    ]
     parts.append(TextTable.of(_DEMANDS, demands))
     for column in ("required_gap", "peak_impulse"):
         if correlations := answers.get(f"correlations_with_{column}"):
-            values = []
-            for path, value in correlations.items():
-                of_row = path.startswith(("buildings.", "links."))
-                name = in_words_of(path).replace(", ", " ") if of_row else path
-                values.append(f"{name} {value:+.2f}")
+            words = (path_in_words(path).replace(", ", " ") for path in correlations)
+            values = [f"{x} {y:+.2f}" for x, y in zip(words, correlations.values(), strict=True)]
             parts.append(f"Rank correlation with the {in_words(column)}: {', '.join(values)}.")
     if fragility := answers["fragility"]:
         curves = [(in_words(name), *curve.values()) for name, curve in fragility.items()]
-        parts += [TextTable.of(_FRAGILITY, curves), "The dispersion is that of the logarithm."]
+        table = TextTable.of(("fragility by", "unit", *_ERRORS), curves)
+        parts += [table, "The dispersion is that of the logarithm."]
     return parts
-
-
-def _ends(estimate: dict[str, Any]) -> str:
-    ends = (estimate["low"], estimate["high"])
-    return " to ".join("not known" if x is None else rounded(x) for x in ends)

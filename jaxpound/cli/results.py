@@ -13,7 +13,6 @@ from jaxpound._fields import quantities
 from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.files import csv_text, json_safe, table_of
 from jaxpound.model.places import link_places
-from jaxpound.model.shear_building import in_units
 from jaxpound.quantities import column
 from jaxpound.results.element_demands import RodDemand
 from jaxpound.results.impacts import ImpactSeries
@@ -25,7 +24,7 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
     floors = jp.floor_demands(layout.buildings, demand)
     members = zip(layout.shear_buildings, floors, layout.bearings, strict=True)
     links = [_of_link(layout, response, k) for k in range(len(layout.tables))]
-    contacts = [link["first_contact_s"] for link in links if link["first_contact_s"] is not None]
+    contacts = [x for link in links if np.isfinite(x := link["first_contact_s"])]
     return json_safe(
         {
             "min_gap_m": float(demand.min_gap),
@@ -39,7 +38,7 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
             "kinetic_energy_J": float(energy.kinetic[-1]),
             "energy_residual_over_input": float(energy.relative_residual),
             "buildings": [
-                _of_building(*member, demand, _on_it(layout.buildings.links, b))
+                _of_building(*member, demand, layout.buildings.modes(b))
                 for b, member in enumerate(members)
             ],
             "links": links,
@@ -47,21 +46,10 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
     )
 
 
-def _on_it(links: Any, building: int) -> list[Any]:
-    """The dampers and inerters from a building to itself and to the ground, as of the first."""
-    return [
-        dataclasses.replace(x, building=0, next_building=min(x.other_building, 0))  # or GROUND, < 0
-        for x in links
-        if x.building == building and x.other_building in (building, jp.GROUND)
-        if x.damper or x.inerter
-    ]
-
-
 def _of_building(
-    building: Any, floors: Any, bearing: Any, demand: jp.Demand, links: list[Any]
+    building: Any, floors: Any, bearing: Any, demand: jp.Demand, by: jp.model.Modes
 ) -> dict[str, Any]:
     keys = ("period_s", "damping_ratio", "share_of_mass", "overdamped")
-    by = jp.modes(jp.Row((in_units(building, 1.0, 1.0, 1.0),), tuple(links)))
     modes = zip(by.periods, by.damping_ratios, by.participation, by.overdamped, strict=True)
     heights = building.heights[: building.n_floors]
     storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
@@ -115,7 +103,7 @@ def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str
         "friction_force_N": float(link.friction),
         "min_gap_m": float(demand.min_gap),
         "min_gap_time_s": float(demand.min_gap_time) if math.isfinite(link.gap) else None,
-        "first_contact_s": _first_contact(response, k),
+        "first_contact_s": response.first_contact(k),
         "slip_distance_m": float(demand.slip_distance) if link.friction else None,
         "damper_energy_J": float(demand.friction_work),
         "residual_offset_m": float(demand.residual_offset),
@@ -128,19 +116,6 @@ def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str
 
 def _largest(series: Any) -> float | None:
     return None if series is None else float(np.abs(series).max())
-
-
-def _first_contact(response: jp.Response, link: int) -> float | None:
-    """When a gap first closes: at an impact, or by linear interpolation between instants."""
-    if not float(response.demand.links[link].min_gap) <= 0:
-        return None
-    if impacts := response.impacts(link):
-        return impacts[0].time
-    time, gap = np.asarray(response.time), np.asarray(response.links[link].gap)
-    if (closed := np.flatnonzero(gap <= 0)).size == 0:  # it opens again before the next instant
-        return float(response.demand.links[link].min_gap_time)
-    around = [closed[0], max(closed[0] - 1, 0)]
-    return float(np.interp(0.0, gap[around], time[around]))
 
 
 def _of_contact(response: jp.Response, link: int) -> dict[str, Any] | None:
@@ -172,29 +147,26 @@ def envelope(buildings: jp.Buildings, response: jp.Response) -> str:
     return csv_text(columns)
 
 
-def lines(results: dict[str, Any], checked_floors: str = "") -> list[str]:
-    """The results of ``of_simulation`` as text for the screen; as ``Demand.checked_floors``."""
+def lines(results: dict[str, Any]) -> list[str]:
+    """The results of ``of_simulation`` that the response does not print, as text for the screen."""
     links, buildings = results["links"], [*enumerate(results["buildings"], 1)]
-    yielding = [(i, x) for i, building in buildings for x in building["yielding"]]
-    tuned = [(str(i), x) for i, building in buildings for x in building["tuned_mass_strokes_m"]]
     tables: list[list[dict[str, Any]]] = [
-        [_building_cells(i, building) for i, building in buildings],
-        [_yielding_cells(*storey) for storey in yielding],
-        [{"tuned mass of building": i, "stroke (m)": stroke} for i, stroke in tuned],
-        [_bearing_cells(i, x["isolation"]) for i, x in buildings if x["isolation"]],
-        [_link_cells(link) for link in links],
+        [{"building": str(i), **x["modes"][0]} for i, x in buildings],
+        [{"building": str(i), **storey} for i, x in buildings for storey in x["yielding"]],
+        [
+            {"bearings of building": str(i), **x["isolation"]}
+            for i, x in buildings
+            if x["isolation"]
+        ],
     ]
-    texts = [text for rows in tables if rows for text in (table_of(rows).text(), "")]
-    if closable := [link for link in links if link["gap_m"] is not None]:
+    texts = [table_of(rows).text() for rows in tables if rows]
+    if results["pounds"]:
+        closable = [link for link in links if link["min_gap_m"] is not None]
         closest = min(closable, key=lambda link: link["min_gap_m"])
-        smallest = f"{results['min_gap_m']:.4g} m at {results['min_gap_time_s']:.5g} s"
-        words, by_law = f"no pounding{checked_floors}", closest["contact"] is not None
-        if results["pounds"]:
-            depth = f"{'penetration' if by_law else 'overlap'} {results['overlap_m']:.4g} m"
-            instant = f"first contact at {results['first_contact_s']:.5g} s"
-            remark = "" if by_law else "; contact itself is not modelled"
-            words = f"POUNDS: {depth}, {instant}{checked_floors}{remark}"
-        texts.append(f"Gaps     smallest {smallest}; {words}")
+        by_law = closest["contact"] is not None
+        depth = f"{'penetration' if by_law else 'overlap'} {results['overlap_m']:.4g} m"
+        remark = "" if by_law else "; contact itself is not modelled"
+        texts.append(f"{depth}, first contact at {results['first_contact_s']:.5g} s{remark}")
     shares = {name: results[f"{name}_energy_J"] for name in ("damper", "rods")}
     if not any(link["friction_force_N"] for link in links):
         del shares["damper"]
@@ -204,60 +176,7 @@ def lines(results: dict[str, Any], checked_floors: str = "") -> list[str]:
         shares["contact"] = sum(law["contact_work_J"] for law in laws)
     total = results["input_energy_J"]
     parts = ", ".join(
-        f"{name} {x / 1e3:.4g} kJ ({x / total if total else 0:.0%})" for name, x in shares.items()
+        f"{name} {x:.4g} J ({x / total if total else 0:.0%})" for name, x in shares.items()
     )
     residual = f"residual {results['energy_residual_over_input']:.1e} of the input"
-    return [*texts, f"Energy   input {total / 1e3:.4g} kJ: {parts}; {residual}"]
-
-
-def _building_cells(number: int, building: dict[str, Any]) -> dict[str, Any]:
-    mode, damping = building["modes"][0], 100 * building["modes"][0]["damping_ratio"]
-    return {
-        "building": str(number),
-        "storeys": building["storeys"],
-        "period (s)": mode["period_s"],
-        "damping (%)": "overdamped" if mode["overdamped"] else damping,
-        "displacement (m)": building["peak_displacement_m"],
-        "drift (%)": 100 * building["peak_drift_ratio"],
-        "acceleration (m/s²)": building["peak_absolute_acceleration_m_per_s2"],
-        "base shear (kN)": building["base_shear_N"] / 1e3,
-    }
-
-
-def _yielding_cells(building: int, storey: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "storey that yields": f"{building}, storey {storey['storey']}",
-        "ductility": storey["ductility"],
-        "residual drift (m)": storey["residual_drift_m"],
-        "dissipated (kJ)": storey["dissipated_energy_J"] / 1e3,
-        "first yield (s)": storey["first_yield_time_s"],
-        "collapsed": "yes" if storey["collapsed"] else "no",
-    }
-
-
-def _bearing_cells(building: int, bearings: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "bearings of building": str(building),
-        "restoring period (s)": bearings["restoring_period_s"],
-        "displacement (m)": bearings["displacement_m"],
-        "damping there (%)": 100 * (bearings["damping_ratio"] or 0.0),
-    }
-
-
-def _link_cells(link: dict[str, Any]) -> dict[str, Any]:
-    slips, law = bool(link["friction_force_N"]), link["contact"]
-    return {
-        "link": link["between"],
-        "gap (m)": link["gap_m"],
-        "smallest (m)": link["min_gap_m"],
-        "at (s)": link["min_gap_time_s"],
-        "slip force (kN)": link["friction_force_N"] / 1e3 if slips else None,
-        "slid (m)": link["slip_distance_m"] if slips else None,
-        "offset left (m)": link["residual_offset_m"] if slips else None,
-        "took (kJ)": link["damper_energy_J"] / 1e3 if slips else None,
-        "impacts": law and int(law["n_impacts"]),
-        # By Newton's law impacts have impulses, but no force.
-        "force (kN)": law and (law["peak_contact_N"] / 1e3 or "-"),
-        "impulse (kN s)": law and law["peak_impulse_N_s"] / 1e3,
-        "lost (kJ)": law and law["contact_work_J"] / 1e3,
-    }
+    return [*texts, f"energy input {total:.4g} J: {parts}; {residual}"]

@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> None:
         print("No --config given: these are the buildings of jaxpound simulate --example-config.")
     layout = configuration.layout
     answers = summary(file, configuration, in_numbers, response)
-    print(page(answers, response.demand.checked_floors))
+    print(page(answers, layout.buildings, response))
     files: dict[str, Any] = {"summary.json": json_text(answers)}
     if configuration.output.series == "npz":
         columns: Any = response.to_columns()
@@ -109,7 +109,7 @@ def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
     dampers = any(link.has_damper for link in response.links)
     names = ["overview", "ground_motion", "displacements", "energy"]
     names += ["gap"] * gaps + ["gap_map"] * (gaps and several) + ["friction_force"] * dampers
-    names += ["contact_force"] * bool(layout.laws)
+    names += ["contact_force"] * layout.has_contact
     elevations = [building.elevations for building in layout.shear_buildings]
     floors = jp.floor_demands(layout.buildings, response.demand)
     figures = {name: drawn(getattr(plots, name), response) for name in names}
@@ -118,7 +118,7 @@ def _figures(layout: BuildingsLayout, response: jp.Response) -> dict[str, Any]:
     for i, building in enumerate(layout.shear_buildings, 1):
         if len(building.storeys) > 1:
             figures[f"mode_shapes_{i}"] = drawn(plots.mode_shapes, building)
-    loops = ["rod", *["friction"] * dampers, *["contact"] * bool(layout.laws)]
+    loops = ["rod", *["friction"] * dampers, *["contact"] * layout.has_contact]
     return figures | {f"{x}_hysteresis": drawn(plots.hysteresis, response, x) for x in loops}
 
 
@@ -149,15 +149,10 @@ def summary(
     }
 
 
-def page(answers: dict[str, Any], checked_floors: str = "") -> str:
-    """The summary as text for the screen."""
-    record, run, pga = answers["record"], answers["run"], answers["record"]["pga_g"]
-    return "\n".join(
-        [
-            f"Record   {record['file']}: PGA {pga:.4g} g ({STANDARD_GRAVITY * pga:.4g} m/s²), "
-            f"{record['duration_s']:.6g} s",
-            f"Run      {run['steps']} steps of {run['dt_s']:.4g} s; {run['method']}",
-            "",
-            *results.lines(answers["results"], checked_floors),
-        ]
-    )
+def page(answers: dict[str, Any], buildings: jp.Buildings, response: jp.Response) -> str:
+    """The summary as text for the screen, with the response and its peaks over the height."""
+    record, pga = answers["record"], answers["record"]["pga_g"]
+    peak = f"PGA {pga:.4g} g ({STANDARD_GRAVITY * pga:.4g} m/s²)"
+    floors = jp.floor_demands(buildings, response.demand)
+    lines = [f"{record['file']}: {peak}, {record['duration_s']:.6g} s", repr(response)]
+    return "\n".join([*lines, *map(repr, floors), *results.lines(answers["results"])])

@@ -14,30 +14,19 @@ from msgspec import Meta
 
 import jaxpound as jp
 from jaxpound.cli import reading
-from jaxpound.cli.reading import Count, Range, Section, between, named, of_field, refused, says
+from jaxpound.cli.reading import Count, Range, Section, Way, between, named, of_field, refused, says
 from jaxpound.model.plausibility import FRICTION, GAP
-from jaxpound.results.named import REQUIRED_GAP, kind_of
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.time_steps import DURATION
 
-OF_DEMANDS = {  # ranges of limits and thresholds of a demand, by its kind of quantity
-    "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),
-    "length": Range(1e-9, 1e3, "m", "up to a kilometre"),
-    "acceleration": Range(1e-6, 1e4, "m/s²", "up to a thousand times gravity"),
-    "velocity": Range(1e-6, 1e3, "m/s", "faster than sound"),
-    "time": Range(1e-6, 3600, "s", "from the start of the run"),
-    "energy": Range(1e-9, 1e15, "J", "a force and a length of these sizes"),
-    "mass": Range(1e-6, 1e12, "kg", "up to the inertance of many buildings"),
-    "impulse": Range(1e-9, 1e15, "N s", "a force for a time"),
-    None: Range(1e-9, 1e9, "", "of a count or a ratio"),
-}
 Gap = Annotated[float, between(*GAP)]
 _FACES = "a number, or two, [left, right], of which one may be inf"
 _Face = Annotated[float, between(0, math.inf, "m", "infinite on a side where nothing is")]
 _Faces = Annotated[list[_Face], Meta(min_length=2, max_length=2)]
-Gaps = Annotated[Gap | _Faces, Meta(extra={"says": _FACES, "alone": Gap, "range": GAP})]
+Gaps = Annotated[Gap | _Faces, says(_FACES, GAP, alone=Gap)]
 Friction = Annotated[float, between(*FRICTION)]
+Threshold = Annotated[float, between(1e-9, 1e15, "", "of a demand, in SI units")]
 SampleInterval = Annotated[float, between(1e-6, 10, "s", "a sample interval")]
 
 
@@ -64,14 +53,6 @@ def of_faces(gap: float | list[float] | None) -> Any:
         if x != math.inf or {*gap} == {math.inf}:  # one of them closes
             GAP.require(f"gap: {side}", x)
     return tuple(gap)
-
-
-def require_threshold(place: str, demand: str, value: float) -> None:
-    """A ``ValueError`` for a threshold that every run reaches, or none; ``place`` names it."""
-    of_demand = OF_DEMANDS[kind_of(demand)]
-    if demand == REQUIRED_GAP:
-        of_demand = GAP._replace(low=of_demand.low)
-    of_demand.require(place, value)
 
 
 class OfClass(Section):
@@ -142,7 +123,7 @@ class VelocityFrictionSection(Section):
 
     def model(self) -> jp.VelocityFriction:
         """The library's law, in SI units."""
-        return jp.VelocityFriction(self.increase, self.velocity)
+        return jp.VelocityFriction(**self.stated())
 
 
 class InerterSection(Section):
@@ -152,7 +133,7 @@ class InerterSection(Section):
 
     def model(self) -> jp.Inerter:
         """The library's inerter, in SI units."""
-        return jp.Inerter(self.inertance)
+        return jp.Inerter(**self.stated())
 
 
 LAWS: dict[str, Any] = {  # the tables of a link that are objects of the library
@@ -232,8 +213,7 @@ class DistributionSpec(Section):
 
     def require(self, place: str, allowed: Range) -> None:
         """A ``ValueError`` if it is no distribution, or some of its draws would be out of range."""
-        names = ("mean", "std", "median", "low", "high", "intensity")
-        with named(f"{place}:", dict.fromkeys(names, allowed.unit)):
+        with named(f"{place}:"):
             distribution = self.times(1.0)
         for end in reach(distribution):
             if end not in allowed:
@@ -266,19 +246,22 @@ _Arrivals = drawn(0, 3600, "s", "from the start of the run")
 _Intensity = drawn(0, 1e3, "", "a factor on the amplitudes")
 _Weight = Annotated[float, between(0, 1e9, "", "a relative frequency")]
 _Weights = says("a list of numbers between 0 and 1e+09 (relative frequencies)", min_length=1)
-_OF_WAVELETS = ("wavelets", "amplitude", "periods", "arrivals")
 
 _Instant = Annotated[float, between(1e-3, 3600, "s", "from the start of the noise")]
 _Frequency = Annotated[float, between(0.01, 100, "Hz", "of soil: soft has 0.5 Hz, rock 10 Hz")]
 _Damping = Annotated[float, between(0.01, 0.99, "", "of the critical damping")]
 _STRENGTH = Range(0, 10, "g", "the standard deviation of the acceleration at its strongest")
-_LEAST_STRENGTH = 1e-6  # if it is not random: a run needs shaking
 _OF_NOISE = "a standard deviation in g, or its distribution, {lognormal = [median, sigma]}"
-_Acceleration = Annotated[float | DistributionSpec, says(_OF_NOISE)]
-_OF_SOIL = ("frequency", "damping", "acceleration", "duration")
-_NEEDED = {"kanai-tajimi": _OF_SOIL, "clough-penzien": (*_OF_SOIL, "high_pass")}
+_Strength = Annotated[float, between(1e-6, *_STRENGTH[1:])]  # a run needs shaking
+_Acceleration = Annotated[_Strength | DistributionSpec, says(_OF_NOISE, _STRENGTH, _Strength)]
 _SAMPLES_IN_A_PERIOD = 20
-_OF_GAMMA, _OF_PLATEAU = ("peak", "power"), ("rise", "end", "decay")
+_GAMMA, _PLATEAU = Way(("peak", "power")), Way(("rise", "end", "decay"))
+_WAVELETS = Way(("wavelets", "amplitude", "periods", "arrivals"), ("negative", "intensity"))
+_RECORDS = Way(("records",), ("units", "factor", "weights"))
+_NOISE = Way(
+    ("filter", "frequency", "damping", "acceleration", "duration"),
+    ("high_pass", "high_pass_damping", "dt", "envelope"),
+)
 
 
 class EnvelopeTable(Section):
@@ -291,14 +274,13 @@ class EnvelopeTable(Section):
     decay: Annotated[float, between(1e-3, 1e3, "1/s", "of the exponential decay")] | None = None
 
     def __post_init__(self) -> None:
-        if self.stated().keys() not in ({*_OF_GAMMA}, {*_OF_PLATEAU}):
-            raise ValueError(f"must have {', '.join(_OF_GAMMA)}, or {', '.join(_OF_PLATEAU)}")
+        self.require_way(_GAMMA, _PLATEAU)
         self.model()
 
     def model(self) -> jp.GammaEnvelope | jp.ground.PlateauEnvelope:
         """The library's envelope, in seconds."""
         kind: Any = jp.GammaEnvelope if self.peak is not None else jp.ground.PlateauEnvelope
-        with named("", {"rise": "s", "end": "s"}):
+        with named(""):
             return kind(**self.stated())
 
 
@@ -328,38 +310,22 @@ class Earthquakes(Section):
     envelope: EnvelopeTable | None = None
 
     def __post_init__(self) -> None:
-        if self.filter is not None:
-            self._require_noise(self.filter)
-            return
-        keys = self.__struct_fields__
-        self.refuse_any(keys[keys.index("filter") :], "must not be given without filter")
-        if self.records is None:
-            self.refuse_any(("units", "factor", "weights"), "must not be given without records")
-            self.require_all(_OF_WAVELETS)
-        else:
-            others = (*_OF_WAVELETS, "negative", "intensity")
-            self.refuse_any(others, "must not be given with records")
+        self.require_way(_WAVELETS, _RECORDS, _NOISE)
         for key, allowed in reading.ranges(Earthquakes).items():
             if isinstance(distribution := getattr(self, key), DistributionSpec):
                 distribution.require(key, allowed)
-
-    def _require_noise(self, filter: str) -> None:
-        keys = self.__struct_fields__
-        self.refuse_any(keys[: keys.index("filter")], "must not be given with filter")
-        self.require_all(_NEEDED[filter])
-        if filter == "kanai-tajimi":
+        if self.filter == "kanai-tajimi":
             only = 'must be given with filter = "clough-penzien" only'
             self.refuse_any(("high_pass", "high_pass_damping"), only)
-        if isinstance(self.acceleration, DistributionSpec):
-            self.acceleration.require("acceleration", _STRENGTH)
-        else:
-            _STRENGTH._replace(low=_LEAST_STRENGTH).require("acceleration", self.acceleration)
-        assert self.frequency
-        if self.dt is not None and self.dt > 0.5 / self.frequency:
-            rule = f"must be at most half of the soil's period, {0.5 / self.frequency:.4g} s"
+        elif self.filter is not None:
+            self.require_all(("high_pass",), ', which filter = "clough-penzien" needs')
+        if (frequency := self.frequency) is None:
+            return
+        if self.dt is not None and self.dt > 0.5 / frequency:
+            rule = f"must be at most half of the soil's period, {0.5 / frequency:.4g} s"
             raise refused("dt", rule, f"{self.dt:g} s")
-        if self.high_pass is not None and self.high_pass >= self.frequency:
-            rule = f"must be below frequency = {self.frequency:g} Hz"
+        if self.high_pass is not None and self.high_pass >= frequency:
+            rule = f"must be below frequency = {frequency:g} Hz"
             raise refused("high_pass", rule, f"{self.high_pass:g} Hz")
 
     def shapes(self, records: Sequence[jp.Record]) -> list[jp.Record]:

@@ -143,7 +143,7 @@ class Comparison(Shown):
             shares = (100 * share for share in self.pounding)
             words = "pounding in {:.4g} % of them before, {:.4g} % after".format(*shares)
             n = len(self.topology.links) if self.topology else 0
-            gaps = [self.before[of_link("min_gap", k, n)] for k in range(n)]
+            gaps = [self.before.get(of_link("min_gap", k, n), np.inf) for k in range(n)]
             notes.append(words + checked_floors(self.topology, gaps))
             wider = self.difference("min_gap")
             notes.append(f"min gap wider by {wider} {unit('length', self.si)} on average")

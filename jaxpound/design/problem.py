@@ -21,10 +21,18 @@ from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground
 from jaxpound.ground.run_input import all_in_g, require_time_unit
+from jaxpound.model.contact import Newton
 from jaxpound.model.system import Link, common_gap, gravity_of, in_si, is_closable
 from jaxpound.reliability.result import RareEvent
 from jaxpound.results.elements import of_link
-from jaxpound.results.named import inertances, limitable_demands, limited_values, viscous_forces
+from jaxpound.results.named import (
+    inertances,
+    is_zero_by_newton,
+    limitable_demands,
+    limited_values,
+    quantity_named,
+    viscous_forces,
+)
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
 
@@ -105,8 +113,7 @@ class DesignProblem:
         named: dict[str, Any] = {"penalties": objective.penalties, "limits": objective.limits}
         for place, names in {**named, "goal": of_goal}.items():
             for name in names:
-                if name not in {*self.limitable, *objective.rare}:
-                    rule = f"must be one of {', '.join(self.limitable)}"
+                if rule := self._refusal(name):
                     raise InvalidInput(f"{name!r} in {place}", "", rule)
         if objective.needs_gap and not self._closable:
             rule = "must not be of gaps where no link has a finite one"
@@ -123,6 +130,17 @@ class DesignProblem:
             if goal.gap is not None and gap is None:
                 rule = "must be left out where gaps at rest differ: it is then of those gaps"
                 raise InvalidInput("PoundingProbability: gap", "", rule)
+
+    def _refusal(self, demand: str) -> str:
+        """The rule that a demand breaks which the structures do not have; empty if they have it."""
+        laws = {type(link.contact) for link in self._links if link.contact is not None}
+        if demand in {*self.limitable, *self.objective.rare}:
+            by_newton = laws == {Newton} and is_zero_by_newton(demand)
+            instead = "peak_impulse is what they have"
+            return f"must not be by Newton's law, whose impacts have none; {instead}" * by_newton
+        if getattr(quantity_named(demand), "only", "") == "contact" and not laws:
+            return "must be of structures with a contact law"
+        return f"must be one of {', '.join(self.limitable)}"
 
     @property
     def si(self) -> bool:

@@ -14,7 +14,7 @@ from jaxtyping import ArrayLike
 from jaxpound._checks import Rule, enforce, instance, positive, positive_number, real, require_share
 from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._tables import Shown, TextTable
-from jaxpound.ground.measure import Measure
+from jaxpound.ground.measure import Measure, units_like
 from jaxpound.hazard.annual_rate import AnnualRate, FragilityRate, gap_of_rate, of_event, of_study
 from jaxpound.hazard.points import CurvePoints, HazardIntensity, HazardWeights, rate_of, read_hazard
 from jaxpound.quantities import DIMENSIONLESS
@@ -42,9 +42,9 @@ class HazardCurve(Shown):
     Parameters
     ----------
     intensity
-        Intensities im from 1e-12 to 1e12, rising, shape (m,), m ≥ 2, in the unit of the fragility
-        or of the factors that the curve is combined with. Hazard analyses give PGA and spectral
-        acceleration in g, which is also the unit of ``study["pga"]`` in a dimensionless study.
+        Intensities im from 1e-12 to 1e12, rising, shape (m,), m ≥ 2, in the unit of ``measure``, or
+        of the fragility or the factors that the curve is combined with. Hazard analyses give PGA
+        and spectral acceleration in g, as a dimensionless study has ``study["pga"]``.
     annual_rate
         Mean number of earthquakes a year that exceed each, (m,), from 1e-100 to 1000, not rising.
     measure
@@ -139,9 +139,10 @@ class HazardCurve(Shown):
     ) -> AnnualRate:
         """Mean annual rate of pounding, λ = ∫ P(pounding | im) |dλ(im)|.
 
-        Raises ``ValueError`` if curve and fragility have different measures or units; if it is not
-        known that the intensities of a study or a rare event follow the curve. Warns
-        (``PlausibilityWarning``) if a fragility is not in g, and the curve's measure has no unit.
+        A fragility in another unit of the curve's measure is converted. Raises ``ValueError`` if
+        curve and fragility have different measures; if it is not known that the intensities of a
+        study or a rare event follow the curve. Warns (``PlausibilityWarning``) if a fragility is
+        not in g, and the curve's measure has no unit.
 
         Parameters
         ----------
@@ -175,7 +176,7 @@ class HazardCurve(Shown):
         if isinstance(pounding, Fragility):
             measure = Measure.of_text(pounding.measure)
             _require_measure(self.measure, "the fragility", measure)
-            return FragilityRate(self._points, pounding, self.measure).annual_rate(confidence)
+            return self._rate_of(pounding, confidence)
         often = float(self.annual_rate[0])
         if isinstance(pounding, Study | RareEvent) and not drawn:
             instead = "a fragility, such as study.fragility('pga')"
@@ -190,6 +191,12 @@ class HazardCurve(Shown):
             more = {"warnings": pounding.warnings, "event": pounding.event, "_source": source}
             return AnnualRate.of_estimate(often, estimate, pounding.cov, **more)
         return AnnualRate.of_estimate(often, pounding)
+
+    def _rate_of(self, fragility: Fragility, confidence: float) -> AnnualRate:
+        """Of a fragility by the same measure, in the curve's unit where both state one."""
+        if fragility.unit and (unit := Measure.of_text(self.measure).unit):
+            fragility = fragility.in_unit(unit)
+        return FragilityRate(self._points, fragility, self.measure).annual_rate(confidence)
 
     def distribution(self) -> HazardIntensity:
         """The intensity of an earthquake that exceeds the curve's lowest intensity.
@@ -290,8 +297,7 @@ class HazardCurve(Shown):
         _require_measure(self.measure, column, study.measure(intensity))
 
         def annual_rate(gap: float) -> AnnualRate:
-            fragility = study.fragility(intensity, gap, link=link)
-            return FragilityRate(self._points, fragility, self.measure).annual_rate(confidence)
+            return self._rate_of(study.fragility(intensity, gap, link=link), confidence)
 
         gaps = [study.required_gap(p, link=link).value for p in _TRIED]
         return gap_of_rate(annual_rate, gaps, target)
@@ -312,7 +318,7 @@ def _require_measure(text: str, source: str, measure: Measure) -> None:
     if not of_curve.may_be(measure):
         raise InvalidInput("measure", repr(text), f"must be that of {other}")
     rule = f"be in the unit of {source}, {unit}: convert the curve's intensities and name them so"
-    if of_curve.unit and unit and not of_curve.is_in_unit_of(measure):
+    if of_curve.unit and unit and of_curve.unit not in units_like(unit):
         raise InvalidInput("measure", repr(text), f"must {rule}")
     doubts = []
     if unit not in ("", _DEFAULT_UNIT) and not of_curve.unit:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from types import NoneType
 from typing import Any
@@ -190,6 +192,7 @@ def on_bearings(
     bearing: FrictionPendulum | LeadRubber,
     base_mass: Any,
     *,
+    links: Sequence[FloorLink] = (),
     wall: MoatWall | None = None,
     number: int = 0,
     height: float = 0.5,
@@ -208,6 +211,10 @@ def on_bearings(
         All bearings together, ``FrictionPendulum`` or ``LeadRubber``.
     base_mass
         Mass > 0 of the base, kg.
+    links
+        Links from the building to itself and to the ground, such as that of
+        ``tuned_inerter_damper``: they come first in the result, one floor higher, and lead to the
+        base in the place of the ground.
     wall
         The moat wall around the base, if there is one.
     number
@@ -244,4 +251,9 @@ def on_bearings(
         on_bearings = ShearBuilding(storeys, heights, above.n_tuned)
     between = bearing.between(weight)
     link = wall.link if wall else partial(FloorLink, floor=0, next_building=GROUND)
-    return on_bearings, (link(number, **between),) if wall or between else ()
+    higher = [
+        replace(x, floor=x.floor + 1, next_floor=x.other_floor + 1, next_building=number)
+        for x in links  # GROUND is one below floor 0
+    ]
+    of_base = [link(number, **between)] if wall or between else []
+    return on_bearings, (*higher, *of_base)

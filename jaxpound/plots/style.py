@@ -26,6 +26,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from jaxpound.buildings import Buildings
 from jaxpound.model import parameters
 from jaxpound.model.row import Row
 from jaxpound.model.structures import AdjacentStructures, Storeys
@@ -71,8 +72,9 @@ CYCLE = [style["color"] for style in _HOUSE["axes.prop_cycle"]]
 
 
 def parameter_name(path: str, *, symbols: bool = True) -> str:
-    """Name of a parameter in a figure; ``symbols`` are dimensionless."""
+    """Name of a parameter in a figure; ``symbols`` are dimensionless, ``Buildings`` have none."""
     owner = _owner(path)
+    symbols = symbols and owner is not Buildings
     return parameters.name(owner, path, symbols=symbols) if owner else parameters.in_words(path)
 
 
@@ -83,6 +85,9 @@ def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
     a unit, such as a ratio or an order, has a name alone.
     """
     owner, si = _owner(path), scales is not None
+    if owner is Buildings:  # in SI, as the ranges of their parameters
+        within = parameters.metadata(owner, path).within
+        return 1.0, parameter_name(path) + (f" ({within.unit})" if within and within.unit else "")
     of_wavelet = WAVELET_KINDS.get(path.rpartition("_")[0])
     kind = parameters.metadata(owner, path).kind if owner else of_wavelet
     scale = float(scales.unit_of(kind)) if si else 1.0
@@ -93,7 +98,7 @@ def parameter_axis(path: str, scales: Any, largest: float) -> tuple[float, str]:
 
 def _owner(path: str) -> type | None:
     """The kind of structures with a parameter of a path, as an opened study holds no object."""
-    for kind in (AdjacentStructures, System, Row, Storeys):
+    for kind in (AdjacentStructures, System, Row, Storeys, Buildings):
         with suppress(ValueError):
             parameters.metadata(kind, path)
             return kind

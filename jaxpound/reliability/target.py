@@ -14,8 +14,9 @@ from jaxpound._checks import Rule, enforce, finite, require_share
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.grid import TimeGrid
-from jaxpound.model.parameters import get, interval, name, put, require_paths
-from jaxpound.model.system import Structures
+from jaxpound.model.parameters import get, interval, metadata, name, put, require_paths
+from jaxpound.model.system import Structures, in_si
+from jaxpound.quantities import unit
 from jaxpound.reliability.limit_state import LimitState, state_of
 from jaxpound.reliability.result import RareEvent, Slope
 from jaxpound.reliability.run import EventSearch, event_of, require_smooth
@@ -64,11 +65,14 @@ class TargetResult(Shown):
     """Total number of runs with a gradient by the ground motion."""
 
     def _tables(self) -> list[TextTable]:
-        parameter = f"{name(self.structures, self.path, symbols=False)} = {self.value:.5g}"
-        title = f"{parameter} ± {self.error:.2g} for a probability of {self.target:g}"
+        symbol = unit(metadata(self.structures, self.path).kind, in_si(self.structures))
+        value = f"{self.value:.5g} ± {self.error:.2g} {symbol}".rstrip()
+        parameter = f"{name(self.structures, self.path, symbols=False)} = {value}"
+        title = f"{parameter} for a probability of {self.target:g}"
         columns = ("step", self.path, "probability", "c.o.v.", "d ln P")
         rows = [(str(i), *x[:3], str(x.slope)) for i, x in enumerate(self.steps, 1)]
         notes = [f"{self.runs:,} runs, {self.gradients:,} gradients"]
+        notes += [f"warning: {warning}" for warning in self.event.warnings]
         return [TextTable(title, columns, rows, notes)]
 
 

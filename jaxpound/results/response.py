@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import operator
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -248,6 +249,24 @@ class Response(ByElement, Columnar, Shown):
             if (series := self.links[k].impacts) is not None:
                 impacts += series.entries(k, places[k])
         return sorted(impacts, key=lambda impact: impact.time)
+
+    def first_contact(self, link: int = 0) -> float:
+        """When a link's gap first closes; NaN if it never does.
+
+        That of the first impact, or by linear interpolation between the instants. Errors are those
+        of ``phases``.
+        """
+        self._require_links("first_contact", [link])
+        demand = self.demand.links[link]
+        if not float(demand.min_gap) <= 0:
+            return math.nan
+        if impacts := self.impacts(link):
+            return impacts[0].time
+        time, gap = np.asarray(self.time), np.asarray(self.links[link].gap)
+        if not (closed := np.flatnonzero(gap <= 0)).size:  # it opens again before the next instant
+            return float(demand.min_gap_time)
+        around = [closed[0], max(closed[0] - 1, 0)]
+        return float(np.interp(0.0, gap[around], time[around]))
 
     def phases(self, link: int = 0) -> list[FrictionPhase]:
         """Intervals of stick and slip of a link in order, with ends resolved within the steps.

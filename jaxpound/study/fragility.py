@@ -10,10 +10,10 @@ from jaxtyping import ArrayLike
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from jaxpound import _checks
-from jaxpound._checks import Rule, array, enforce, instance, real, require_share
+from jaxpound._checks import Rule, array, enforce, instance, real, require_one_of, require_share
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._tables import Shown, TextTable
-from jaxpound.ground.measure import Measure
+from jaxpound.ground.measure import Measure, measure_unit, units_like
 from jaxpound.study.weighting import require_weights
 
 ANY_LINK = "any link"  # name of the curve of any of several links, beside "link 1" and so on
@@ -60,7 +60,7 @@ class Fragility(Shown):
     """Weights of the runs at each intensity, shape (m,); None if all count the same."""
     measure: str = ""
     """The measure of intensity with its unit, such as ``"PGA (g)"``; empty if unknown.
-    ``HazardCurve.annual_rate_of`` requires that measure and unit are those of the hazard curve."""
+    ``HazardCurve.annual_rate_of`` requires that it is that of the hazard curve."""
     source: str = ""
     """What it was fitted to instead of counts, in words: capacities, or a regression."""
     event: str = "pounding"
@@ -79,6 +79,18 @@ class Fragility(Shown):
     def unit(self) -> str:
         """Unit of the intensities; empty if unknown."""
         return Measure.of_text(self.measure).unit
+
+    def in_unit(self, unit: str) -> Fragility:
+        """The same fragility of intensities in another unit, such as "g" for "m/s²".
+
+        Raises ``ValueError`` for a unit that is not one of the same quantity.
+        """
+        sizes, unit = units_like(self.unit), measure_unit(unit) or unit
+        require_one_of(unit, sizes, "unit")
+        factor, measure = sizes[self.unit] / sizes[unit], Measure.of_text(self.measure)
+        text = str(dataclasses.replace(measure, unit=unit))
+        numbers = {name: factor * getattr(self, name) for name in ("median", "intensity")}
+        return dataclasses.replace(self, **numbers, measure=text)
 
     @property
     def median_error(self) -> float:

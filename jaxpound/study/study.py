@@ -102,6 +102,12 @@ class Study(DemandColumns):
         return len(self.topology.links)
 
     @property
+    def closable_links(self) -> tuple[int, ...]:
+        """The links that have a gap, by number from 0."""
+        n = self.n_links
+        return tuple(k for k in range(n) if self.finite(of_link("min_gap", k, n)).size)
+
+    @property
     def checked_floors(self) -> str:
         """Of how many floors ``pounding`` tells, in words; empty if it is of all."""
         topology = self.stored_topology

@@ -25,11 +25,11 @@ SMALL += " & # dt -> dt = 0.02"
 def read(path, records=()):
     file = reading.File.opened(path, "design")
     given = file.read(design.DesignConfig)
-    return given, design.prepared(file, given, records)
+    return given, *design.prepared(file, given, records)
 
 
 def test_the_example_and_goals_in_words_of_the_library(write):
-    given, wanted = read(None)
+    given, wanted, _ = read(None)
     assert wanted.space.names == ("links.0.friction",)
     assert wanted.space.variables["links.0.friction"] == jp.design.Bounds(0.0, 5 * 200e3)
     limits = {"peak_f1": jp.design.Limit(1.9e6, "mean"), "damper_force": jp.design.Limit(800e3)}
@@ -169,7 +169,7 @@ WITH_CONTACT = """[contact] ; law = 'kelvin-voigt' ; restitution = 0.65 ; stiffn
 
 def test_a_design_with_contact(write):
     """A pad between the buildings: its stiffness is chosen, within limits on contact."""
-    given, wanted = read(write(f"{SMALL} & {WITH_CONTACT}"))
+    given, wanted, _ = read(write(f"{SMALL} & {WITH_CONTACT}"))
     space, objective = wanted.space, wanted.objective
     assert float(space.nominal.links[0].contact.stiffness) == 8e8
     assert space.variables["links.0.contact.stiffness"] == jp.design.Bounds(4e8, 16e8, "log")
@@ -229,14 +229,14 @@ def test_records_join_the_random_earthquakes(write, tmp_path):
     a, b, other = (shake(tmp_path / f"{name}.csv", 100) for name in ("a", "b", "more/a"))
     table = '[variables] -> [recorded] ; files = ["a.csv"] ; units = "m/s2" ; [variables]'
     path = write(f"{SMALL} & {table}")
-    _, wanted = read(path, [b])
-    assert (len(wanted.ensemble), list(wanted.recorded)) == (14, ["a", "b"])
-    peaks = [np.abs(wanted.recorded[x].ground(0).samples).max() for x in "ab"]
+    _, wanted, recorded = read(path, [b])
+    assert (len(wanted.ensemble), list(recorded)) == (14, ["a", "b"])
+    peaks = [np.abs(recorded[x].ground(0).samples).max() for x in "ab"]
     assert peaks[1] == pytest.approx(9.80665 * peaks[0])
     assert len(wanted.ensemble.fresh(5)) == 5
     a.write_text("time (s), acc (m/s2)\n" + a.read_text())
     path = write(f"{SMALL} & {table}".replace('units = "m/s2" ; ', ""))
-    stated = read(path)[1].recorded["a"].ground(0).samples
-    np.testing.assert_array_equal(stated, wanted.recorded["a"].ground(0).samples)
+    stated = read(path)[2]["a"].ground(0).samples
+    np.testing.assert_array_equal(stated, recorded["a"].ground(0).samples)
     with pytest.raises(ValueError, match="records: name = 'a' must be that of one record only"):
         read(path, [other])

@@ -48,6 +48,7 @@ TABLES = {
     "hazard": "hazard fragility study results",
 }
 ELSEWHERE = {"montecarlo": {"smoothing_velocity"}}
+ELSEWHERE["hazard"] = {"unit"}  # which says to write it in measure
 ELSEWHERE["rare"] = {"records", "units", "factor", "weights", "intensity"}
 
 

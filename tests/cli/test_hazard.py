@@ -146,13 +146,12 @@ def test_a_study_of_si_units_meets_a_hazard_in_g(folder):
     # The same hazard in other units, by the key or by the measure, is the same.
     gal = (100 * STANDARD_GRAVITY * np.array(given["intensity"])).tolist()
     other = re.sub(r"(?m)^intensity = \[.*$", f"intensity = {gal}", of_study())
-    by_key = other.replace("# unit =", "unit ='gal' #").replace('"PGA (g)"', '"PGA"')
-    by_measure = other.replace('"PGA (g)"', '"PGA (cm/s2)"')
-    for text, measure in ((by_key, "PGA (gal)"), (by_measure, "PGA (cm/s²)")):
-        with unrendered():
-            _, again = told(folder, text)
-        assert again["annual_rate"]["value"] == pytest.approx(rate.value, rel=1e-6)
-        assert again["measure"] == measure
+    with unrendered():
+        _, again = told(folder, other.replace('"PGA (g)"', '"PGA (cm/s2)"'))
+        _, silent = told(folder, of_study().replace('"PGA (g)"', '"PGA"'))
+    assert again["annual_rate"]["value"] == pytest.approx(rate.value, rel=1e-6)
+    assert (again["measure"], silent["measure"]) == ("PGA (cm/s2)", "PGA (g)")
+    assert silent["annual_rate"] == answers["annual_rate"]
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -191,15 +190,13 @@ def test_a_study_that_the_hazard_has_drawn_needs_no_fragility(drawn):
 EXAMPLES = {"EXAMPLE": EXAMPLE, "STUDY": of_study(), "DRAWN": of_drawn(), "FILE": of_file("")}
 FAULTS = r"""
 DRAWN: gap = 9.0 => [study] store must hold runs with pounding
-DRAWN: unit = 'g' => [study] drawn = true must not be given beside [hazard] unit
 STUDY: link = 1 ; drawn = true
-    => leave it out, or use HazardCurve.annual_rate_of(..., drawn=True
+    => [study] intensities of the study must be drawn by HazardCurve.distribution of this curve
 DRAWN: annual_rate = [3e-2, 1e-2, 3e-3, 6e-4, 9e-5, 6e-6]
-    => [study] drawn = true must not be given: this hazard is not
+    => [study] intensities of the study must be drawn by HazardCurve.distribution of this curve
 STUDY: measure = "SA(0.2) (g)"
     => [hazard] measure = 'SA(0.2) (g)' must be that of the fragility, peak ground accel
-STUDY: unit = 'gal' => [hazard] unit = "gal" must be that of measure = "PGA (g)"
-EXAMPLE: unit = 'g' => [hazard] unit must be given with [study] only
+STUDY: measure = "PGA (g)" ; unit = 'gal' => [hazard] unit must be written in measure, such as
 EXAMPLE: bands = 2001 => [results] bands = 2001 must be from 1 to
 STUDY: intensity = "pga" -> intensity = "peak_x1"
     => [study] intensity = "peak_x1" must measure the shaking, such as pga
@@ -212,20 +209,18 @@ EXAMPLE: intensity = [0.05, 0.1, 0.2, 0.4, 0.8, 1e300]
     => [hazard] intensity = 1e+300 (at index [5]) must be
 EXAMPLE: annual_rate = [3e4, 1e-2, 3e-3, 6e-4, 8e-5, 6e-6]
     => [hazard] annual_rate = 30000 (at index [0]) must be
-EXAMPLE: median_error = 50000
-    => [fragility] median_error = 50000 must be at most the median itself, 0.6
 EXAMPLE: annual_rate = [1, 2] => [hazard] intensity (6,) and
 EXAMPLE: annual_rate = [1, 2, 3, 4, 5, 6] => [hazard] annual_rate = 2
-EXAMPLE: annual_rate -> nothing => [hazard] must have intensity and annual_rate, or
-EXAMPLE: measure -> file = "x" => [hazard] intensity must not be given beside
-EXAMPLE: unit = 'x' => [hazard] unit = "x" must be one of g, m/s²
+EXAMPLE: annual_rate -> nothing => [hazard] lacks annual_rate; give intensity, annual_rate
+EXAMPLE: measure -> file = "x" => [hazard] must not have file here; give intensity, annual_rate
+DRAWN: link = 1 -> link = 2 => [study] link = 2 must be one of the study's links with a gap, 1
 EXAMPLE: median = 0 => [fragility] median = 0 must be between
-EXAMPLE: median_error -> nothing => [fragility] must have median_error and
+EXAMPLE: median_error -> nothing => [fragility] lacks median_error; give median, dispersion
 FILE: file = "curve.csv" => curve.csv: site must be one of 2, from 1
 FILE: file = "curve.csv" ; site = 3 => curve.csv: site = 3 must be a row from 1 to 2
 STUDY: intensity = "pga" -> intensity = "pgx" => [study] column 'pgx' must be one of
 STUDY: link = 3 => [study] link = 3 must be one of the study's links
-STUDY: measure = "PGA" & unit = 'cm/s' => [hazard] unit = "cm/s" must be one of g, m/s²,
+STUDY: measure = "PGA (cm/s)" => [hazard] measure = 'PGA (cm/s)' must be in the unit of
 STUDY: store = "none" => none
 STUDY: gap_probabilities = [0.99]
     => [study] the target, 0.0921 a year, must be the rate of pounding at a gap
@@ -234,8 +229,7 @@ CASES = [
     (changed(EXAMPLES[x], y), says) for f, says in faults(FAULTS) for x, y in [f.split(": ", 1)]
 ]
 CASES += [
-    (EXAMPLE + STUDY, "must have the table [fragility] or the table [study], one of them"),
-    (changed(EXAMPLE, f"unit = '{'y' * 3000}'"), f'[hazard] unit = "{"y" * 75} ... must be one of'),
+    (EXAMPLE + STUDY, "must not have study here; give fragility, or study"),
 ]
 
 

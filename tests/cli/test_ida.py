@@ -125,7 +125,7 @@ component = "all" => [suite] component = 'all' must be 'both', 'larger', 1 or 2
 component = 2 => [suite] component = 2 must be there in each station: 'fast' has 'fast' alone
 rows = "down" => [suite] rows = 'down' must be 'history'
 code = "asce" => [target] code = "asce" must be one of "asce 7", "en 1998"
-code -> nothing => [target] must have the range of periods, by code or by range
+code -> nothing => [target] lacks code; give code, or range
 code -> range = [0.2, 5.0] => [target] periods = ... must be within those of the targ
 factors = [2.0, 1.0] => [target] factors = 1 must be at least the lower
 periods = [1.0, 0.5] => [target] periods (2,) and accelerations (4,)
@@ -135,8 +135,8 @@ demand = "peak_x1" => [ida] threshold = None must be a number: demand is
 demand = "drift" => [ida] unknown demand 'drift'; did you mean 'peak_drift'
 demand = "peak_contact" ; threshold = 1
     => [ida] demand = 'peak_contact' must be of structures with a contact law
-threshold = 100 => [ida] threshold = 100 m must be between 1e-09 and
-demand = "peak_x1" ; threshold = 1e22 => [ida] threshold = 1e+22 m must be b
+threshold = 0 => [ida] threshold = 0 must be between 1e-09 and
+demand = "peak_x1" ; threshold = 1e22 => [ida] threshold = 1e+22 must be b
 intensities = [0.1, 1e300]
     => [ida] intensities = [0.1, 1e+300] must be a list of numbers between 1e-06
 demand = "peak" ; threshold = 1 => [ida] unknown demand 'peak'

@@ -34,7 +34,7 @@ STUDY = ["montecarlo", "STUDY", "--store", "OUT"]
         ([*SIMULATE, "--dt", "0.1"], "dt = 0.1 must agree"),
         ([*SIMULATE, "--scale", "2"], "--scale"),
         (["paper", "--out", ""], "argument --out: must not be empty"),
-        ([*STUDY, "--samples", "0"], "--samples: '0' must be"),
+        ([*STUDY, "--samples", "0"], "n = 0 must be a positive whole number"),
         ([*STUDY, "--shard", "1-2"], "--shard: '1-2' must be I/N"),
         ([*STUDY, "--shard", "3/2"], "'3/2' must be I/N with I from 1 to N"),
         (["montecarlo", "none.toml", "--store", "OUT"], "none.toml: No such file"),

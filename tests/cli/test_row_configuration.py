@@ -110,20 +110,20 @@ masses = [] => storeys masses = [] must be a list with a numbe
 stiffnesses = [1e8, 'soft']
     => [[building]] 1 storeys stiffnesses: storey 2 = "soft" must be a finite number
 stiffnesses = true => storeys stiffnesses = true must be a list
-tau_x = [4e-2, 1e-3] => [[building]] 1 storeys storey 2: tau_x = 0.001 s^order must be
-tau_x -> nothing => [[building]] 1 storeys lacks tau_x; give number, mass, period
-tau_x = 4e-2 ; period = 1.0 => storeys must not have masses here; give n
+tau_x = [4e-2, 1e-3] => [[building]] 1 storeys storey 2: tau_x = 0.001 must be
+tau_x -> nothing => [[building]] 1 storeys lacks tau_x; give masses, stiffnesses, order
+tau_x = 4e-2 ; period = 1.0 => storeys must not have period here; give n
 tau_x -> tau_y = 4e-2 => [[building]] 1 storeys has an unknown key 'tau_y'; did
 stiffnesses = [1e15, 1e15] => [[building]] 1 natural period = 6.
 """
 OF_ROWS = r"""
-[[building]] => [[building]] 1 lacks its storeys; give storeys, published, or mass, period
-[[building]] ; published = 'chopra-5' ; mass = 1e5 => 1 must not have mass beside published
+[[building]] => [[building]] 1 lacks storeys; give storeys, or published, or mass, period
+[[building]] ; published = 'chopra-5' ; mass = 1e5 => 1 must not have mass here; give published
 [building] ; mass = 1e5 => building = {mass = 100000.0} must be tables, each below a line [[
 building = [] => the top level lacks a table [[building]]
-# alone ; [[link]] ; floors = 'common' ; gap = 0 => the top level lacks a table [[building]]
-gap = 0.1 ; THREE => gap must not be given beside [[building]]: these belong to two forms
-THREE ; [damper] ; friction_force = 1e3 => [damper] must not be given beside [[building]]
+# alone ; [[link]] ; floors = 'common' ; gap = 0 => lacks building; give building (link)
+gap = 0.1 ; THREE => must not have gap here; give building (link), or gap, building_1
+THREE ; [damper] ; friction_force = 1e3 => must not have damper here; give building (link)
 [building_1] ; mass = 4e5 ; period = 1 ; damping_ratio = 0 ; [[link]] ; floor = 1 => [[link]] 1
 THREE ; [[link]] ; building = 2 ; floors = 'common' ; gap = 0 ; [[link]] ; building = 2 ; floor = 2
     ; gap = 0.1 => [[link]] 2 (2–3, floor 2) must not stand where [[link]] 1 does
@@ -131,10 +131,10 @@ THREE ; [[link]] ; building = 2 ; floor = 1 ; gap = 0 ; [[link]] ; building = 2 
     0.1 => [[link]] 2 floor = 5 must be from 1 to 3: building 2 has 3 floors
 THREE ; [[link]] ; building = 2 ; floor = 1 ; gap = 0 ; contact = {law = 'hertz', stiffness = 1e9} ;
     [run] ; friction = 'switching' => [run] friction = "switching" must be "event-resolved" where a
-    [[link]] has contact
+    link has contact
 THREE ; [[link]] ; building = 2 ; floor = 2 ; gap = 0 ; [[link]] ; building = 1 ; floor = 2 ;
     next_floor = 2 ; gap = 0 ; [run] ; friction = 'switching' => [run] friction = "switching" must
-    be "event-resolved" where floors have several links
+    be "event-resolved" where a link has contact or velocity_friction, or floors have several links
 """
 # Below [[building]], and of the first link of three buildings.
 OF_BUILDINGS = r"""
@@ -147,7 +147,7 @@ storeys = {number = 3, mass = 1e5, period = 1, damping_ratio = 0.05, height = [3
 storeys = {number = 0, mass = 1e5, period = 1, damping_ratio = 0.05}
     => storeys number = 0 must be from 1 to 1000
 storeys = {number = 3, mass = 1e5, period = 1, damping_ratio = 0.05, order = [0.5, 0.5, 0.5]}
-    => storeys must not have a list of order here; give number, mass
+    => storeys must not have a list of order with number
 storeys = {number = 3, mass = 1e5, period = 1, damping_ratio = 0.9}
     => storeys damping_ratio = 0.9 must be
 storeys = {number = 3} => storeys lacks mass, period, damping
@@ -168,18 +168,18 @@ building = 1 ; floor = 1 ; next_floor = 1 ; next_building = 1 ; gap = 0
 building = 1 ; floor = 2 ; gap = 0
     => 1–2, floor 2, at 6 m and 7 m, must be at one height; next_floor says which floor is meant
 building = 1 ; floors = 'common' ; gap = 0
-    => floors = "common": buildings 1 and 2 must have floors at the same height
+    => buildings 1 and 2 must have floors at the same height
 building = 2 ; floors = 'comon' ; gap = 0 => floors = "comon" must be "common" or a l
 building = 2 ; floors = [] ; gap = 0 => floors = [] must be "common" or a list of fl
 building = 2 ; floors = [0] ; gap = 0 => floors = [0] must be "common" or a list of floors, c
-building = 2 ; gap = 0 => must have floor or floors, one of them
-building = 2 ; floor = 1 ; floors = [1] ; gap = 0 => must have floor or floors, one o
-floor = 2 ; gap = 0 => lacks the key 'building'
-building = 2 ; floors = [1] ; next_floor = 1 ; gap = 0 => next_floor must not be g
+building = 2 ; gap = 0 => lacks floor; give building, floor (next_building, next_floor), or
+building = 2 ; floor = 1 ; floors = [1] ; gap = 0 => must not have floors here; give
+floor = 2 ; gap = 0 => lacks building; give building, floor
+building = 2 ; floors = [1] ; next_floor = 1 ; gap = 0 => must not have floors here; give
 building = 2 ; floor = 1 ; next_floor = 1 ; next_building = 'ground' ; gap = 0
     => next_floor must not be given with ground
 building = 2 ; floors = 'common' ; next_building = 3 ; gap = 0
-    => next_building must not be given with floors = "common"
+    => must not have next_building here; give floors (building), or building, floor
 building = 2 ; floor = 1 ; next_building = 'grund' ; gap = 0
     => next_building = "grund" must be the number of a building, or "ground"
 building = 2 ; floor = 1 ; gap = -0.1 => gap = -0.1 m must be between 0 and 10 m (

@@ -12,7 +12,6 @@ from jaxpound._tables import rounded
 from jaxpound.cli import buildings, reading, simulate
 from jaxpound.cli import main as cli
 from jaxpound.cli.files import example
-from jaxpound.cli.results import lines, of_simulation
 from tests.cli.commands import PULSE, example_pair, refusal, run
 from tests.cli.written import is_figure, summary
 
@@ -21,12 +20,14 @@ FIGURES |= {"row", "envelopes"}
 FIGURES_OF_DAMPER = {"friction_force", "friction_hysteresis"}
 
 
+PAIR = example_pair(friction_force=200e3, gap=0.10)
+
+
 @pytest.fixture(scope="module")
 def el_centro_response(el_centro) -> jp.Response:
     """The example's buildings under El Centro, without the command line."""
     record = jp.read_record(el_centro)
-    pair = example_pair(friction_force=200e3, gap=0.10)
-    return jp.simulate(pair, record, jp.TimeGrid.until(float(record.duration), 0.01))
+    return jp.simulate(PAIR, record, jp.TimeGrid.until(float(record.duration), 0.01))
 
 
 def test_el_centro_summary_and_screen_have_the_api_s_numbers(
@@ -65,14 +66,13 @@ def test_el_centro_summary_and_screen_have_the_api_s_numbers(
     assert results["min_gap_m"] > 0.02  # what the example's heading promises
     screen, out = el_centro_run
     assert screen.startswith("No --config given")
-    assert f"smallest {results['min_gap_m']:.4g} m at {results['min_gap_time_s']:.5g} s" in screen
-    assert "no pounding" in screen
-    for i in (1, 2):
-        shear = rounded(results["buildings"][i - 1]["base_shear_N"] / 1e3)
-        assert re.search(rf"(?m)^ *{i} .* {shear}$", screen)
-    slid, offset = link["slip_distance_m"], link["residual_offset_m"]
-    assert re.search(rf"200 +{rounded(slid)} +{rounded(offset)} ", screen)
-    assert f"damper {results['damper_energy_J'] / 1e3:.4g} kJ" in screen
+    assert repr(el_centro_response) in screen
+    assert screen.count("floor by floor") == 2
+    assert "POUNDS" not in screen
+    assert "first contact" not in screen
+    period, damping = (first["modes"][0][key] for key in ("period_s", "damping_ratio"))
+    assert re.search(rf"(?m)^ *1 +{rounded(period)} +{rounded(damping)} ", screen)
+    assert f"damper {results['damper_energy_J']:.4g} J" in screen
     printed = screen.splitlines()[-13:]
     assert sorted(printed) == sorted(str(path) for path in out.iterdir())
 
@@ -122,7 +122,8 @@ def test_without_damper_and_with_a_small_gap_the_buildings_pound(pulse, write, t
     assert results["pounds"]
     assert results["overlap_m"] == pytest.approx(-results["min_gap_m"])
     assert results["overlap_m"] > 0
-    assert f"POUNDS: overlap {results['overlap_m']:.4g} m" in screen
+    assert "POUNDS" in screen
+    assert f"overlap {results['overlap_m']:.4g} m, first contact at " in screen
     assert "contact itself is not modelled" in screen
     assert "slid" not in screen
     assert "damper 0" not in screen
@@ -162,12 +163,10 @@ def test_with_a_law_of_contact_the_impacts_are_told(pulse, write, tmp_path):
     masses = 1 / (1 / 500e3 + 1 / 400e3)
     change = first["approach_velocity_m_per_s"] + first["rebound_velocity_m_per_s"]
     assert first["impulse_N_s"] == pytest.approx(masses * change, rel=0.1)
-    assert "POUNDS: penetration" in screen
+    assert "POUNDS" in screen
+    assert f"penetration {results['overlap_m']:.4g} m, first contact at " in screen
     assert "not modelled" not in screen
-    keys = ("peak_contact_N", "peak_impulse_N_s", "contact_work_J")
-    force, impulse, lost = (rounded(told[key] / 1e3) for key in keys)
-    assert re.search(rf" {told['n_impacts']:.0f} +{force} +{impulse} +{lost}\n", screen)
-    assert f"contact {lost} kJ (" in screen
+    assert f"contact {told['contact_work_J']:.4g} J (" in screen
     table = columns_of(out / "series.csv")
     np.testing.assert_allclose(table["contact_N"], response.links[0].contact)
     for name in ("contact_stored_J", "contact_lost_J", "friction_work_J", "touching"):
@@ -175,9 +174,6 @@ def test_with_a_law_of_contact_the_impacts_are_told(pulse, write, tmp_path):
         np.testing.assert_allclose(table[name], values, rtol=1e-12)
     figures = {path.stem for path in out.glob("*.png")}
     assert figures == FIGURES | {"contact_force", "contact_hysteresis"}
-    answers = of_simulation(given.layout, response)
-    answers["links"][0]["contact"] |= {"peak_contact_N": 0.0}  # as by Newton's law
-    assert re.search(rf" {told['n_impacts']:.0f} +- +{impulse} ", "\n".join(lines(answers)))
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -267,7 +263,7 @@ def test_a_truncated_record(el_centro, tmp_path, capsys):
 
 @pytest.mark.usefixtures("without_pictures")
 def test_implausible_input_is_one_warning_a_line_or_refused(write, pulse, tmp_path, capsys):
-    moved = "link 1–2, floor 1: gap = 10 m should be at most 5 times what the buildings move"
+    moved = "gap = 10 m should be at most 5 times what the buildings move"
     for changes, finding in (
         ("scale -> pga = 6", "ground: PGA = 6 g should be at most 2 g"),
         ("gap = 10 & scale = 1e-3", moved),  # found before the run, in the file alone

@@ -1,5 +1,7 @@
 """``jaxpound simulate`` of buildings in a row: its numbers are the API's, its files are whole."""
 
+import re
+
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -61,9 +63,8 @@ def test_the_summary_has_the_api_s_numbers_and_impacts_by_link(of_example):
     assert touched[0] == impacts[0].time
     # The second link has a gap but no law: its floors overlap, and by more.
     assert response.links[1].gap[np.searchsorted(response.time, touched[1])] <= 0
-    assert f"POUNDS: overlap {told['overlap_m']:.4g} m" in screen
-    row = next(line for line in screen.splitlines() if line.startswith("1–2, floor 2")).split()
-    assert row[-4] == str(int(told["links"][0]["contact"]["n_impacts"]))
+    assert f"overlap {told['overlap_m']:.4g} m, first contact at " in screen
+    assert f"contact 1–2, floor 2      {contact['n_impacts']:.0f} impacts, p" in screen
 
 
 def test_series_have_all_floors_and_the_envelope_their_peaks(of_example):
@@ -104,6 +105,7 @@ def test_figures_have_the_units_and_numbers_of_the_table(of_example):
     assert any("(m/s²)" in words for words in labels)
     line = figures["ground_motion"].axes[0].lines[0]
     assert f"({np.abs(line.get_ydata()).max():.4g} m/s²)" in screen
+    assert screen.count("floor by floor") == 3
 
 
 def test_every_figure_is_drawn_and_what_a_row_lacks_is_not_told(of_example):
@@ -123,8 +125,5 @@ def test_every_figure_is_drawn_and_what_a_row_lacks_is_not_told(of_example):
     for link in results["links"]:
         link |= {"contact": None, "friction_force_N": 0.0}
     told = "\n".join(lines(results))
-    assert "slid" not in told
-    assert "impacts" not in told
-    assert "POUNDS: overlap" in told
-    for links, word in ((results["links"][2:], "smallest"), ([], "link")):
-        assert word not in "\n".join(lines(results | {"links": links}))
+    assert not re.search(r"damper|contact \S+ J|collapsed|bearings", told)
+    assert "overlap" in told

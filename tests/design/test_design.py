@@ -15,6 +15,7 @@ from tqdm.auto import tqdm
 
 import jaxpound as jp
 from jaxpound.cli.design_report import summary
+from jaxpound.cli.files import json_text
 from jaxpound.design import search as design_search
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.problem import DesignProblem
@@ -23,6 +24,7 @@ from tests.design.searches import in_search
 from tests.made import OF_CONTACT
 from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
+from tests.study.test_demands import linked
 from tests.test_tables import assert_shown
 
 PAPER = jp.paper.structures()
@@ -134,6 +136,16 @@ def test_a_damper_that_practically_never_slips_is_named():
         after = columns | {"slip_distance": np.array([0.0, slid])}
         compared = jp.design.Comparison(after, after, jp.Objective(), False, topology)
         assert compared.hardly_slipping == hardly_slipping
+
+
+def test_a_link_without_a_gap_is_not_counted_among_those_that_pound():
+    """As the brace of a row, which has no column of a gap."""
+    gap, still = np.array([0.1, -0.1]), np.zeros(2)
+    columns = {"min_gap": gap, "min_gap_1": gap, "initial_gap": np.full(2, 0.3)}
+    columns |= {f"{x}_{k}": still for x in ("damper_force", "slip_distance") for k in (1, 2)}
+    topology = linked(0.3, np.inf).topology
+    compared = jp.design.Comparison(columns, columns, jp.Objective(), False, topology)
+    assert "pounding in 50 % of them before, 50 % after" in str(compared)
 
 
 def test_the_winner_is_polished_and_its_limit_is_worth_its_multiplier(stand_in):
@@ -366,7 +378,7 @@ def test_a_comparison_is_paired_and_of_one_earthquake_has_no_interval(stand_in):
     assert "(no 95% interval) g/ω1² on average" in repr(found.fresh)
     assert "inf" not in repr(found.fresh)
     answers = summary(found, [], {"alone": bowl_design().trained})
-    read = json.loads(json.dumps(answers, allow_nan=False))
+    read = json.loads(json_text(answers))
     assert read["fresh"]["min_gap_wider_by"]["low"] is None
     assert read["recorded"]["alone"]["min_gap_after"] == bowl_design().trained.after["min_gap"][0]
 

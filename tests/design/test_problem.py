@@ -77,7 +77,7 @@ def test_without_a_gap_a_goal_of_gaps_is_refused(system, variables):
     assert posed.columns == posed.limitable
     assert {*jax.eval_shape(posed.demands, system, ENSEMBLE.ground(0))} == {*posed.columns}
     says, goal = (
-        "objective: 'peak_contact' in goal must be one of",
+        "objective: 'peak_contact' in goal must be of structures with a contact law",
         jp.design.LeastDemand("peak_contact"),
     )
     refused(says, problem, system, variables, goal=goal)
@@ -98,3 +98,8 @@ def test_prices_that_the_structures_lack_are_refused():
     rule = f"^DesignProblem: objective: {rule}"
     refused(rule, problem, linked(0.3, 0.3), limits={"damper_force": 1.0})
     refused("'peak_x4' in penalties must be one of", problem, SYSTEM, penalties={"peak_x4": 1.0})
+    by_newton = dataclasses.replace(linked(0.3, 0.3).links[0], contact=jp.Newton(0.6))
+    meeting = dataclasses.replace(SYSTEM, links=(by_newton,))
+    says = "'peak_contact' in limits must not be by Newton's law, .* peak_impulse is what they have"
+    refused(says, problem, meeting, limits={"peak_contact": 1.0})
+    assert problem(meeting, limits={"peak_impulse": 1.0}).limitable

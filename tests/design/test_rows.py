@@ -1,7 +1,6 @@
 """Designs of a row: where dampers go within a budget, against all placements; and its kin."""
 
 import dataclasses
-import json
 
 import jax
 import numpy as np
@@ -246,7 +245,7 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     assert plots.convergence(found).get_ylabel() == "objective (m/s²)"
     assert plots.before_and_after(compared).get_xlabel() == "peak $|a_1|$ (m/s²)"
     others = {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}
-    answers = json.dumps(design_report.summary(found, [], others), allow_nan=False)
+    answers = files.json_text(design_report.summary(found, [], others))
     told = files.page("Design", design_report.tables_of(found, [], others), [])
     assert "gap" not in told + answers
     assert "pound" not in told + answers

@@ -113,17 +113,25 @@ def fitted(measure):
 
 def test_fragilities_of_other_measures_are_refused_and_what_one_side_alone_states_is_told():
     words = r"measure = 'PGA \(g\)' must be .* of the fragility, "
+    in_si = jp.HazardCurve(jp.STANDARD_GRAVITY * CURVE.intensity, CURVE.annual_rate, "PGA (m/s²)")
     for measure in ("PGA (m/s²)", "peak ground velocity (m/s)", "Sa(0.9 s) (g)"):
         named = jp.HazardCurve(CURVE.intensity, CURVE.annual_rate, measure)
         for curve, unknown in zip(fitted(measure), fitted(""), strict=True):
             assert named.annual_rate_of(curve).value == CURVE.annual_rate_of(unknown).value
-            refused(words, CURVE.annual_rate_of, curve)
+            if measure.startswith("PGA"):  # in another unit
+                rate = CURVE.annual_rate_of(curve).value
+                assert rate == pytest.approx(in_si.annual_rate_of(curve).value, rel=1e-12)
+            else:
+                refused(words, CURVE.annual_rate_of, curve)
     curve = jp.study.Fragility(1, 1, measure="PGA (m/s2)")
-    assert curve.unit == "m/s²"
+    assert (curve.unit, curve.measure) == ("m/s²", "PGA (m/s²)")
     in_si = jp.HazardCurve(10 * CURVE.intensity, CURVE.annual_rate, "PGA (m/s2)")
     tenth = rate_at(0.1, 1.0)  # the same in units of 10 m/s²
     assert in_si.annual_rate_of(curve).value == pytest.approx(tenth.value, rel=1e-12)
-    refused(r"'PGA \(g\)' must be in the unit of the fragility, m/s²", CURVE.annual_rate_of, curve)
+    in_g = curve.in_unit("g")
+    assert (in_g.median, in_g.measure) == (1 / jp.STANDARD_GRAVITY, "PGA (g)")
+    assert in_g.in_unit("m/s2").median == pytest.approx(1.0)
+    refused("unit = 'cm/s' must be one of g, m/s²", curve.in_unit, "cm/s")
     no_period = r"measure = 'Sa \(g\)' names no period; .* Sa\(0.9 s\) \(g\)"
     for of_curve, of_fragility, doubts in (
         ("SA(0.2)", "spectral acceleration at period 1 (g)", ["period 1 \\(g\\), names no period"]),

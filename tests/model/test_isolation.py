@@ -1,5 +1,7 @@
 """Bearings and moat walls, in closed form."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -197,3 +199,18 @@ test_bad_buildings_are_refused = refusals(
     of=lambda building, bearing, mass, more: jp.on_bearings(building, bearing, mass, **more),
     before="^on_bearings: ",
 )
+
+
+def test_links_of_the_building_are_carried_along_and_its_modes_count_them():
+    tuned, (inerter,) = jp.tuned_inerter_damper(FRAME, 0.05)
+    _, (carried, sliding) = jp.on_bearings(tuned, SLIDING, BASE, links=(inerter,), number=1)
+    assert inerter.other_floor == jp.GROUND
+    ends = carried.floor, carried.other_building, carried.other_floor
+    assert ends == (inerter.floor + 1, 1, 0)  # the base
+    assert sliding.other_floor == jp.GROUND
+    alone = jp.Buildings((tuned,), (inerter,))
+    neighbour = jp.FloorLink(0, 1, gap=0.1)
+    beside = jp.Buildings((FRAME, tuned), (dataclasses.replace(inerter, building=1), neighbour))
+    np.testing.assert_allclose(beside.modes(1).periods, alone.modes(0).periods, rtol=1e-12)
+    np.testing.assert_allclose(beside.modes(0).periods, FRAME.modes().periods, rtol=1e-12)
+    assert abs(alone.modes(0).periods[0] / tuned.modes().periods[0] - 1) > 1e-3

@@ -18,6 +18,7 @@ from tests.refusals import refused
 from tests.study.test_run import LINEAR, RANDOM, study
 
 SCALES = jp.Scales(mass=500e3, frequency=7.0)
+IN_SI, STOREY = jp.Scales(1.0, 1.0, 1.0), "buildings.1.storeys.0"
 
 
 @cache
@@ -177,6 +178,13 @@ def test_scatter_has_a_panel_for_each_pair_in_the_unit_of_the_study():
     for name, scales, size, expected in (
         ("rod_1.order", SCALES, 1.0, (1.0, "rod 1: order")),
         ("intensity", SCALES, 1.0, (1.0, "intensity")),
+        (f"{STOREY}.stiffness", IN_SI, 2e7, (1.0, "building 2, storey 1: stiffness (N/m)")),
+        (
+            f"{STOREY}.tau_x",
+            IN_SI,
+            0.1,
+            (1.0, "building 2, storey 1: relaxation time of displacement (s^order)"),
+        ),
         ("links.1.friction", SCALES, 1e-6, (SCALES.force, "link 2: friction (N)")),
         ("links.1.gap", None, 1.0, (1.0, r"link 2: $\xi_0$ ($g/\omega_1^2$)")),
         ("initial_gap", SCALES, 1.0, (SCALES.length, "gap at rest (m)")),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from tests.made import changed, pair_response
+from tests.made import changed, pair_demand, pair_response
 from tests.refusals import refused
 from tests.test_tables import assert_shown
 
@@ -99,6 +99,15 @@ def test_absolute_accelerations_and_pounding_are_those_of_the_blocks(run):
         _ = run.pounds
     with pytest.raises(AttributeError, match=r"no attribute 'pound'$"):
         _ = run.pound
+
+
+def test_a_gap_first_closes_between_instants_or_never():
+    closing = pair_response(T, {"gap": 0.995 - T}, demand=pair_demand(0.995 - T[-1]))
+    assert closing.first_contact() == pytest.approx(0.995, abs=1e-12)
+    open_again = changed(closing, gap=1 + T)  # between two instants
+    assert open_again.first_contact() == float(open_again.demand.min_gap_time)
+    assert np.isnan(pair_response(T, {"gap": 1 + T}, demand=pair_demand(1.0)).first_contact())
+    refused("link = 1 must be the number of one of the 1 links", closing.first_contact, 1)
 
 
 def test_results_show_themselves(run):

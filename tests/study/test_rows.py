@@ -35,7 +35,7 @@ def study(folder):
 
 
 def test_gaps_and_pounding_are_those_of_one_link_or_of_any_in_a_table(study, folder):
-    assert study.n_links == 2
+    assert (study.n_links, study.closable_links) == (2, (0, 1))
     own = [GAPS[k] - study[f"min_gap_{k + 1}"] for k in range(2)]
     for k in range(2):
         np.testing.assert_allclose(study[f"required_gap_{k + 1}"], own[k], atol=1e-12)
@@ -140,7 +140,7 @@ def test_links_that_are_not_there_or_far_are_named(study, folder):
         for link in (2, -1, True, 0.0):
             refused(r"link = .* must be the number of one of the 2 l", ask, link=link)
     refused(r"^Study.required_gap: link = 5 must be", study.required_gap, 0.1, link=5)
-    refused(r"^pounding: gap = -1 must be finite and not negative", study.pounding, -1.0)
+    refused(r"^Study.pounding: gap = -1 must be finite and not negative", study.pounding, -1.0)
     lower, upper = ROW.links
     far = dataclasses.replace(ROW, links=(lower, dataclasses.replace(upper, gap=1e3)))
     with pytest.warns(

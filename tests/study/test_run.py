@@ -163,10 +163,13 @@ def test_spectral_acceleration_is_a_measure_for_fragility():
     def sa(structures, ground):
         return jp.spectral_acceleration(ground, GRID, period=structures.natural_frequencies[0])
 
-    found = study(LINEAR, 400, measures={"sa": sa}, chunk_size=400)
-    one = jax.jit(sa)(SLIDING, jp.Ricker(1.0, [2.0], [1.5]))
+    at_2 = jp.study.SpectralAcceleration.of(SLIDING, 2.0, GRID)
+    found = study(LINEAR, 400, measures={"sa": sa, "sa_2": at_2}, chunk_size=400)
+    one, two = (jax.jit(x)(SLIDING, jp.Ricker(1.0, [2.0], [1.5])) for x in (sa, at_2))
     amplitude = MEDIAN * np.exp(SIGMA * found.points()[:, 0])
     assert_allclose(found["sa"], amplitude * float(one), rtol=1e-9)
+    assert_allclose(found["sa_2"], amplitude * float(two), rtol=1e-9)
+    assert str(found.measure("sa_2")) == "Sa(2 1/ω1) (g)"
     noisy = found["required_gap"] * np.random.default_rng(0).lognormal(0, 0.2, 400)
     threshold = float(np.median(noisy))
     curve = jp.fit_fragility(found["sa"], noisy >= threshold)
