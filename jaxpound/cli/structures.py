@@ -85,7 +85,7 @@ class Shaken(Structured, kw_only=True):
         if run.duration is None and not shapes:
             raise ValueError(f"{file.name}: [run] lacks the key 'duration'")
         steps = self.buildings, run.scheme, shapes, run.duration, run.dt
-        grid = record_grid(f"{file.name}: [run]", *steps)
+        grid = record_grid(*steps, place=f"{file.name}: [run]")
         if table.arrivals:
             within = Range(
                 0.0, run.duration or grid.duration, "s", "the run, so that every wavelet shakes"

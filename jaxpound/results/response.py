@@ -256,7 +256,7 @@ class Response(ByElement, Columnar, Shown):
         That of the first impact, or by linear interpolation between the instants. Errors are those
         of ``phases``.
         """
-        self._require_links("first_contact", [link])
+        self._require_links([link])
         demand = self.demand.links[link]
         if not float(demand.min_gap) <= 0:
             return math.nan

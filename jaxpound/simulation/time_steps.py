@@ -85,7 +85,10 @@ def record_grid(
         if dt > own * (1 + 1e-9):
             rule = f"at most the record's, {own:.6g} s: samples would be skipped"
             raise InvalidInput(f"{place} dt".lstrip(), f"{dt:.6g} s", f"must be {rule}")
-    return time_grid(place, whole, dt)
+    if not 2 * dt <= whole <= MOST_STEPS * dt:
+        rule = f"must be between 2 and {MOST_STEPS:,} steps of dt = {dt:.6g} s"
+        raise InvalidInput(f"{place} duration".lstrip(), f"{whole:.6g} s", rule)
+    return TimeGrid.until(whole, dt)
 
 
 def natural_periods(buildings: Buildings) -> list[float]:
@@ -120,11 +123,3 @@ def chosen_step(
         times = f"{duration / dt:,.0f} steps of {dt:.3g} s are taken, {needed / dt:.0f} times as "
         warn([f"dt: {times}many as periods and record need, because of {part}"], strict)
     return dt
-
-
-def time_grid(place: str, duration: float, dt: float) -> TimeGrid:
-    """The grid of a duration and a step in s, if there are few enough steps."""
-    if not 2 * dt <= duration <= MOST_STEPS * dt:
-        rule = f"between 2 and {MOST_STEPS:,} steps of dt = {dt:.6g} s"
-        raise InvalidInput(f"{place} duration".lstrip(), f"{duration:.6g} s", f"must be {rule}")
-    return TimeGrid.until(duration, dt)
