@@ -40,11 +40,7 @@ class SuiteRuns:
     """
 
     def __init__(
-        self,
-        analysis: Analysis,
-        highest: Any,
-        store: str | PathLike[str] | None,
-        progress: bool,
+        self, analysis: Analysis, highest: Any, store: str | PathLike[str] | None, progress: bool
     ) -> None:
         warn(analysis.excessive(highest), analysis.strict)
         self.analysis, self.threshold = analysis, analysis.event[1]

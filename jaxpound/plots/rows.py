@@ -40,9 +40,7 @@ _STOREY, _SLAB, _LINE = 0.45, 0.18, 0.15  # least height of a storey, floor, num
 
 @in_house_style
 def row(
-    structures: Structures,
-    elevations: Sequence[Any] | None = None,
-    ax: Axes | None = None,
+    structures: Structures, elevations: Sequence[Any] | None = None, ax: Axes | None = None
 ) -> Axes:
     """Buildings from left to right, with the numbers of their floors, storeys and links.
 

@@ -119,9 +119,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
 
 @in_house_style
 def fragility(
-    curve: Fragility | Mapping[str, Fragility],
-    ax: Axes | None = None,
-    intensity: str | None = None,
+    curve: Fragility | Mapping[str, Fragility], ax: Axes | None = None, intensity: str | None = None
 ) -> Axes:
     """Fragility curve with its 95 % band and the data; or several curves by name.
 
