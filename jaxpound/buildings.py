@@ -6,7 +6,7 @@ import operator
 from dataclasses import replace
 from functools import partial
 from itertools import chain
-from typing import Any
+from typing import Any, ClassVar
 
 from jaxpound._checks import enforce, instance, is_traced, positive_number
 from jaxpound._errors import warn
@@ -18,7 +18,7 @@ from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
 from jaxpound.model.system import System, as_tuple, is_closable
 from jaxpound.model.topology import GROUND
 from jaxpound.model.vibration import Modes, modes
-from jaxpound.quantities import STANDARD_GRAVITY
+from jaxpound.quantities import SI, STANDARD_GRAVITY
 from jaxpound.units import Scales, law_in_other_units
 
 _LAWS = ("contact", "damper", "velocity_friction", "inerter")  # of a link, all with units
@@ -69,6 +69,7 @@ class Buildings:
     buildings: tuple[Building | ShearBuilding, ...] = part(Building, ShearBuilding, each=True)
     links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
     gravity: Any = parameter("g", "acceleration", above=0, single=True, default=STANDARD_GRAVITY)
+    units: ClassVar = SI
 
     def __post_init__(self) -> None:
         self._check()

@@ -221,6 +221,13 @@ def test_runs_of_a_suite_are_those_of_the_dimensionless_form():
     assert "required gap (m)" in str(stripes)
 
 
+def test_structures_know_their_units():
+    row, _ = PAIR.dimensionless()
+    assert (PAIR.units["force"], PAIR.units["length"]) == ("N", "m")
+    for structures in (row, row.system(), jp.paper.structures()):
+        assert (structures.units["force"], structures.units["length"]) == ("m1 g", "g/ω1²")
+
+
 def test_without_contact_structures_stay_what_they_are():
     for structures in (POUNDING, scaled(POUNDING)[0], POUNDING.system()):
         passing = without_contact(structures)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from jaxpound.model.system import (
 )
 from jaxpound.model.topology import GROUND, Ends, Topology, faces, masses_of, ring
 from jaxpound.model.vibration import first_frequency
+from jaxpound.quantities import DIMENSIONLESS
 
 BETWEEN = ("friction", "gap", "contact", "damper", "velocity_friction", "inerter")
 """What a link has between its ends."""
@@ -158,6 +159,7 @@ class Row:
 
     buildings: tuple[Storeys, ...] = part(Storeys, each=True)
     links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
+    units: ClassVar = DIMENSIONLESS
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "links", by_face(as_tuple("links", self.links)))

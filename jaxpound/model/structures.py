@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 
@@ -14,6 +14,7 @@ from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import Link, Rod, System
 from jaxpound.model.topology import GROUND, Ends
+from jaxpound.quantities import DIMENSIONLESS
 
 
 @pytree_dataclass
@@ -54,6 +55,7 @@ class AdjacentStructures:
     friction: Any = like(Link, "friction")
     initial_gap: Any = parameter(r"\xi_0", "length", "gap at rest", least=0, usual=(0.0, 3.0))
     contact: ContactLaw | Newton | None = like(Link, "contact", default=None)
+    units: ClassVar = DIMENSIONLESS
 
     def system(self) -> System:
         """Masses 1 and 1/ρ on rods of stiffness 1 and ε, and the link between them."""

@@ -13,7 +13,7 @@ import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from types import NoneType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from jaxpound.model.topology import (
     masses_of,
     ring,
 )
+from jaxpound.quantities import DIMENSIONLESS, SI
 
 
 @pytree_dataclass
@@ -182,12 +183,12 @@ class Structures(Protocol):
 
 def gravity_of(structures: Any) -> Any:
     """Gravity, m/s², of structures in SI units (``Buildings``); None of dimensionless ones."""
-    return getattr(structures, "gravity", None)
+    return structures.gravity if in_si(structures) else None
 
 
 def in_si(structures: Any) -> bool:
     """Whether structures, and with them all results, are in SI units (``Buildings``)."""
-    return gravity_of(structures) is not None
+    return getattr(structures, "units", DIMENSIONLESS) is SI
 
 
 @pytree_dataclass
@@ -246,6 +247,8 @@ class System:
     links: tuple[Link, ...] = part(Link, each=True, default=())
     tuned: tuple[int, ...] = static(default=(), listed=bool)
     influence: tuple[float, ...] = static(default=(), listed=bool)
+    units: ClassVar = DIMENSIONLESS
+    """The unit of each kind of quantity, such as ``units["force"]``; of ``Buildings`` in SI."""
 
     def __post_init__(self) -> None:
         for name in ("masses", "rods", "links", "influence"):
