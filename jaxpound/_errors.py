@@ -59,8 +59,10 @@ def caller() -> str:
 def _is_public(cls: type) -> bool:
     """Whether a class is the user's own, or a name of the package or one of its wings."""
     package, wing = (cls.__module__.split(".")[:n] for n in (1, 2))
-    listed = (getattr(sys.modules[".".join(x)], "__all__", ()) for x in (package, wing))
-    return package != ["jaxpound"] or any(cls.__name__ in names for names in listed)
+    modules = (sys.modules.get(".".join(names)) for names in (package, wing))
+    return package != ["jaxpound"] or any(
+        cls.__name__ in getattr(module, "__all__", ()) for module in modules
+    )
 
 
 class InvalidInput(ValueError):  # noqa: N818  (its name says what is wrong)
