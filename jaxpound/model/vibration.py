@@ -127,7 +127,7 @@ class _Linear:
     """Masses, rods and inerters of concrete structures, scaled so that the mass matrix is 1."""
 
     def __init__(self, structures: Any) -> None:
-        if hasattr(structures, "modes"):
+        if hasattr(structures, "modes") and not hasattr(structures, "system"):
             rule = "in SI units have a method of their own, modes()"
             raise InvalidInput("structures", "", rule)
         instance("structures", structures, Structures)
