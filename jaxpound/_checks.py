@@ -257,6 +257,8 @@ def instead(value: Any, types: str) -> str:
     """Ends a message on a wrong object, in the place of ``types``: the function that takes it."""
     if re.search(r"\bRecord\b", types) and isinstance(value, str | os.PathLike):
         return "; read_record reads one from a file"
+    if types == "ScenarioSet":
+        return "; Scenarios(structures, ground) makes one"
     first = value[0] if isinstance(value, tuple | list) and value else value
     if hasattr(type(first), "natural_period"):  # a building
         return "; Buildings((left, right), links) makes structures of them"
@@ -269,7 +271,7 @@ def instead(value: Any, types: str) -> str:
 def as_tuple(name: str, value: Any) -> tuple[Any, ...]:
     """A sequence as a tuple; an ``InvalidInput`` for anything else."""
     if not isinstance(value, Sequence | np.ndarray | jax.Array) or isinstance(value, str):
-        rule = f"must be a tuple{instead(value, 'tuple')}"
+        rule = f"must be a tuple, as (x,) is{instead(value, 'tuple')}"
         raise InvalidInput(name, reprlib.repr(value), rule)
     return tuple(value)
 

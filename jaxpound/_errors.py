@@ -13,7 +13,8 @@ from typing import Any, ParamSpec, TypeVar
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_INTERNAL = ("jaxpound", "jax", "jaxtyping", "beartype", "contextlib", "functools")
+_INTERNAL = {"jaxpound", "jax", "jaxtyping", "beartype"}
+_INTERNAL |= {"contextlib", "copy", "dataclasses", "functools"}
 _COMMAND, _COMMAND_LINE = "jaxpound", "jaxpound.cli"
 
 
@@ -49,7 +50,7 @@ def caller() -> str:
             cls = kind.__name__
             if name == "__post_init__" and _is_public(kind):
                 return cls
-        if "<" in code.co_qualname or cls.startswith("_"):
+        if "<" in code.co_qualname or cls.startswith("_") or _module(frame) == __name__:
             continue
         if not name.startswith("_") or name.startswith("__"):
             owner = cls if name.startswith("__") else f"{cls}.{name}".lstrip(".")
@@ -73,10 +74,14 @@ class InvalidInput(ValueError):  # noqa: N818  (its name says what is wrong)
     ``owner`` is by default the ``caller``; messages of the command line leave its name out.
     """
 
-    def __init__(self, name: str, value: str, rule: str, owner: str | None = None) -> None:
+    def __init__(self, name: str, value: str, rule: str, *, owner: str | None = None) -> None:
         self.owner = caller() if owner is None else owner
-        super().__init__(name, value, rule, self.owner)  # as arguments: an error can be copied
+        super().__init__(name, value, rule)
         self.name, self.value, self.rule = name, value, rule
+
+    def __reduce__(self) -> tuple[Any, ...]:  # of another process it keeps its owner
+        make = functools.partial(InvalidInput, owner=self.owner)
+        return make, (self.name, self.value, self.rule)
 
     def __str__(self) -> str:
         subject = f"{self.name} = {self.value}" if self.value else self.name

@@ -8,8 +8,8 @@ from functools import partial
 from itertools import chain
 from typing import Any, ClassVar
 
-from jaxpound._checks import enforce, instance, is_traced, positive_number
-from jaxpound._errors import warn
+from jaxpound._checks import enforce, instance, is_traced, is_whole, positive_number
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import parameter, part, pytree_dataclass, ranges, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.plausibility import FRICTION, GAP, doubts
@@ -122,10 +122,19 @@ class Buildings:
         These lead to another of its floors or to the ground. ``jp.modes`` has those of all
         buildings together.
         """
+        n = len(self.buildings)
+        if not (is_whole(building) and 0 <= building < n):
+            rule = f"must be the number of one of the {n} buildings, from 0"
+            raise InvalidInput("building", repr(building), rule)
         own = (building, GROUND)
         links = (x for x in self.links if x.building == building and x.other_building in own)
         devices = tuple(
-            replace(x, building=0, next_building=min(x.other_building, 0))  # or GROUND, < 0
+            replace(
+                x,
+                building=0,
+                next_building=min(x.other_building, 0),  # or GROUND, < 0
+                damper=x.damper and replace(x.damper, ends=None),
+            )
             for x in links
             if x.damper or x.inerter
         )

@@ -17,6 +17,9 @@ WAVELET = jp.RandomRicker(1, jp.LogNormal(0.1, 0.5), jp.Uniform(1.0, 3.8), jp.Un
 GRID = jp.TimeGrid.until(8.0, dt=0.1)
 
 
+SCENARIOS = jp.Scenarios(jp.paper.structures(), WAVELET)
+
+
 def owner_of(call):
     with pytest.raises(jp.InvalidInput) as caught:
         call()
@@ -25,7 +28,7 @@ def owner_of(call):
 
 def test_an_error_is_that_of_the_function_method_or_class_that_was_called():
     structures, rest = jp.paper.structures(), jp.Ricker(0.1, 1.0, 2.0)
-    study = jp.monte_carlo(jp.Scenarios(structures, WAVELET), 2, GRID, progress=False)
+    study = jp.monte_carlo(SCENARIOS, 2, GRID, progress=False)
     for owner, call in {
         "simulate": lambda: jp.simulate(structures, None, GRID),
         "TimeGrid": lambda: jp.TimeGrid(2.5, 0.1),
@@ -66,6 +69,18 @@ def test_transformations_of_jax_do_not_end_it():
 
     for transformed in (jax.jit(gap), jax.grad(gap)):
         assert owner_of(functools.partial(transformed, 0.1)) == "demand"
+
+
+def test_a_users_own_error_has_no_owner_and_an_inner_class_is_its_callers():
+    assert owner_of(lambda: throw(jp.InvalidInput("stiffness", "-1", "must be positive"))) == ""
+    assert (
+        owner_of(lambda: jp.rare_event(SCENARIOS, GRID, demand="foo", threshold=1.0))
+        == "rare_event"
+    )
+
+
+def throw(error):
+    raise error
 
 
 def test_the_command_line_names_its_files_itself():

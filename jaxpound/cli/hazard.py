@@ -59,6 +59,11 @@ class FragilityTable(Section):
     def __post_init__(self) -> None:
         curve = ("median", "dispersion")
         self.require_way(Way(curve), Way((*curve, "median_error", "dispersion_error")))
+        for name in curve:
+            number, error = getattr(self, name), getattr(self, f"{name}_error") or 0.0
+            if error > number:
+                rule = f"must be at most the {name} itself, {number:g}"
+                raise refused(f"{name}_error", rule, f"{error:g}")
 
     def model(self) -> jp.study.Fragility:
         """The library's ``Fragility``, without data."""

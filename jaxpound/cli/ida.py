@@ -14,7 +14,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sentence, write_report
 from jaxpound.cli.reading import Count, File, Range, Section, Way, between, named, refused, says
 from jaxpound.cli.structures import Structured
-from jaxpound.cli.tables import SampleInterval, Threshold
+from jaxpound.cli.tables import SampleInterval, require_threshold
 from jaxpound.hazard.ida import FRACTILES
 from jaxpound.results.named import demand_in_words
 from jaxpound.simulation.time_steps import natural_periods, record_grid
@@ -61,12 +61,13 @@ class LadderTable(Section):
     measure: Literal["pga", "sa"] = "pga"
     period: Annotated[float, between(1e-3, 60, "s", "for models and for towers")] | None = None
     demand: str = "required_gap"
-    threshold: Threshold | None = None
+    threshold: float | None = None
     refine: Literal["bisection", "newton"] = "bisection"
 
     def __post_init__(self) -> None:
         if self.period is not None and self.measure != "sa":
             raise refused("period", 'must be given with measure = "sa" only')
+        require_threshold("threshold", self.demand, self.threshold)
 
 
 class IdaConfig(Structured, kw_only=True):

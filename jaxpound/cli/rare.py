@@ -19,7 +19,7 @@ from jaxpound._tables import TextTable
 from jaxpound.cli.files import VERSION, csv_text, kept_search, write_report
 from jaxpound.cli.parameters import Parameters, Uncertain, by_path
 from jaxpound.cli.reading import Count, File, Section, Seed, Way, between, named, refused, says
-from jaxpound.cli.tables import Threshold
+from jaxpound.cli.tables import require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.parameters import get
 from jaxpound.reliability.run import choice, require_smooth
@@ -35,13 +35,17 @@ _OF_STEP = ("value", "probability", "cov", "slope_of_ln_probability", "slope_err
 class LimitTable(Section):
     """The event: that links close by a gap, or that a demand reaches a threshold."""
 
-    gap: Threshold | None = None
+    gap: float | None = None
     demand: str | None = None
-    threshold: Threshold | None = None
-    thresholds: Annotated[list[Threshold], _Thresholds] | None = None
+    threshold: float | None = None
+    thresholds: Annotated[list[float], _Thresholds] | None = None
 
     def __post_init__(self) -> None:
         self.require_way(Way((), ("gap",)), Way(("demand", "threshold")))
+        key = "gap" if self.demand is None else "threshold"
+        require_threshold(key, self.demand_name, self.lowest_threshold)
+        for threshold in self.thresholds or ():
+            require_threshold("thresholds", self.demand_name, threshold)
 
     @property
     def demand_name(self) -> str:

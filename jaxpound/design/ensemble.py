@@ -62,7 +62,7 @@ class Ensemble:
         if not motions:
             raise InvalidInput("grounds", repr(grounds), "must hold ground motions")
         for i, ground in enumerate(motions):
-            require_ground(f"Ensemble: grounds[{i}]", ground)
+            require_ground(f"grounds[{i}]", ground)
         units = {str(part.time_unit) for ground in motions for part in records_in(ground)}
         if len(units) > 1:
             rule = f"must be in one unit of time, but are in {' and '.join(sorted(units))}"

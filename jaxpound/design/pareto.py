@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -102,8 +102,8 @@ def pareto_front(
         raise InvalidInput(name, repr(limited_demand), rule)
     instance("search", search, DesignSearch)
     number, bounds = 0, []
-    if np.ndim(limits):
-        bounds = np.sort(np.ravel(real("limits", limits)))[::-1].tolist()
+    if isinstance(limits, Iterable) and not isinstance(limits, str):
+        bounds = np.sort(np.ravel(real("limits", [*limits])))[::-1].tolist()
         positive(limits=np.asarray(bounds))
     else:
         number = count("limits", limits)

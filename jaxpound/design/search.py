@@ -105,6 +105,8 @@ class DesignSearch(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         seed("key", self.key)
+        if not (self.callback is None or callable(self.callback)):
+            raise InvalidInput("callback", repr(self.callback), "must be a function")
         if self.optimiser is not None:
             import optax  # only here: it takes as long to import as all else
 

@@ -289,7 +289,7 @@ class Sum(_Combination):
         if not self.grounds:
             raise InvalidInput("grounds", "()", "must hold at least one ground motion")
         for i, ground in enumerate(self.grounds):
-            require_ground(f"Sum: grounds[{i}]", ground)
+            require_ground(f"grounds[{i}]", ground)
         records = enumerate(records_in(self), 1)
         require_one_time_unit({f"grounds, record {i}": x for i, x in records})
 
@@ -316,7 +316,7 @@ class Scaled(_Combination):
     factor: Any = parameter("", words="factor of the ground motion", single=True)
 
     def __post_init__(self) -> None:
-        require_ground("Scaled: ground", self.ground)
+        require_ground("ground", self.ground)
         check(self)
 
     def unresolved(self, dt: float) -> list[str]:

@@ -335,7 +335,7 @@ def as_suite(records: Any) -> RecordSuite:
     """A suite, or several records as a suite."""
     if isinstance(records, RecordSuite):
         return records
-    if not isinstance(records, Sequence):
-        rule = "must be a RecordSuite or a list of records"
+    if not isinstance(records, Sequence) or isinstance(records, str):
+        rule = "must be a RecordSuite or a list of records; read_suite reads those of a folder"
         raise InvalidInput("records", reprlib.repr(records), rule)
     return RecordSuite(tuple(records))

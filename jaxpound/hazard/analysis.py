@@ -133,7 +133,9 @@ class Analysis:
         """The measure in words, with its unit, and the intensity of each unscaled record."""
         if isinstance(self.measure, str):
             if self.measure != "pga":
-                rule = "must be 'pga', a natural period or a number for each record"
+                rule = (
+                    "must be 'pga', a natural period (0.9 is Sa(0.9 s)) or a number for each record"
+                )
                 raise InvalidInput("measure", repr(self.measure), rule)
             return "PGA (g)", self.suite.pgas
         measure = array("measure", self.measure, (), (len(self.suite),))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from math import factorial
 from typing import Any
 
@@ -46,7 +47,7 @@ def contact_stiffness(
     length
         Length L > 0 of the floor in the direction of impact.
     storeys
-        Stiffness > 0 of the colliding storeys, two numbers.
+        Stiffness > 0 of the colliding storeys, two numbers or more.
 
     Examples
     --------
@@ -61,13 +62,11 @@ def contact_stiffness(
     if storeys is None:
         modulus, area, length = positive(**floor)
         return modulus * area / length
-    try:
-        left, right = storeys
-    except (TypeError, ValueError):
-        raise InvalidInput("storeys", repr(storeys), "must be two numbers") from None
-    left, right = positive(**{"storeys.0": left, "storeys.1": right})
-    stiffer = larger(left, right) if is_traced((left, right)) else np.maximum(left, right)
-    return STIFFER_THAN_A_STOREY * stiffer
+    if not isinstance(storeys, Sequence | np.ndarray | jax.Array) or len(storeys) < 2:
+        raise InvalidInput("storeys", repr(storeys), "must be two numbers or more")
+    numbers = positive(**{f"storeys.{i}": storey for i, storey in enumerate(storeys)})
+    stiffer = larger if is_traced(numbers) else np.maximum
+    return STIFFER_THAN_A_STOREY * reduce(stiffer, numbers)
 
 
 @jax.jit

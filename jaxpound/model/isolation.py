@@ -11,7 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Range, instance, is_whole, positive
+from jaxpound._checks import Range, as_tuple, instance, is_whole, positive
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._extrema import larger
 from jaxpound._fields import BatchInSI, parameter, pytree_dataclass
@@ -243,6 +243,8 @@ def on_bearings(
     base_mass, gravity = positive(base_mass=base_mass, gravity=gravity)
     if not (is_whole(number) and number >= 0):
         raise InvalidInput("number", repr(number), "must be a whole number from 0 on")
+    for k, x in enumerate(as_tuple("links", links)):
+        instance(f"links.{k}", x, FloorLink)
     above = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
     weight = gravity * (base_mass + sum(storey.mass for storey in above.storeys))
     with renamed(names={"mass": "base_mass", "heights.0": "height"}):

@@ -100,7 +100,7 @@ class FloorLink:
                 name = "next_floor" if above else "next_building"
                 rule = "must be left out: the other end is the ground"
                 raise InvalidInput(name, str(getattr(self, name)), rule)
-        check_link(self, str(self))
+        check_link(self, f"link {self}")
 
     more_rules = Link.more_rules
 

@@ -27,7 +27,7 @@ def accelerogram(record: GroundLike, ax: Axes | None = None, grid: TimeGrid | No
     ``grid`` is the instants drawn, in the motion's unit of time; by default a record's samples. A
     ``ValueError`` if it is no ground motion, or none but a record and there is no grid.
     """
-    require_ground("accelerogram: record", record)
+    require_ground("record", record)
     a, dt = map(np.asarray, intensity.samples_of(record, grid))
     ax, time = new_axes(ax), float(dt) * np.arange(a.size)
     in_seconds = _in_seconds(record)

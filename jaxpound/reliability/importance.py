@@ -120,7 +120,7 @@ class DesignPointSearch:
             return self._around(points, doubt)
         if only_by_points:
             rule = f"must lead to the limit state, but none of {points.failed} searches has"
-            rule += " reached it; use method = 'subset', or in reach_probability another value to"
+            rule += " reached it; use the method 'subset', or in reach_probability another value to"
             raise InvalidInput("gradients", "", f"{rule} start from")
         return doubt
 

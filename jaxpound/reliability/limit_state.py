@@ -98,8 +98,9 @@ class LimitState:
             object.__setattr__(self, "threshold", float(self.threshold))
         elif self.demand != REQUIRED_GAP:
             named.require_threshold(self.demand)
+        nominal = self.nominal
         with renamed("changes"):
-            require_paths(self.nominal, self.changes)
+            require_paths(nominal, self.changes)
 
     def __reduce__(self) -> tuple[Any, ...]:  # without compiled programs, which are made anew
         return LimitState, tuple(getattr(self, x.name) for x in dataclasses.fields(self))
@@ -242,7 +243,8 @@ def state_of(
         if gap is not None:
             (threshold,) = not_negative(gap=number("gap", gap))
         findings = doubts(scenarios, grid)
-        state = LimitState(scenarios, grid, demand=demand, threshold=threshold)
+        with renamed():
+            state = LimitState(scenarios, grid, demand=demand, threshold=threshold)
     if state.demand != REQUIRED_GAP:  # whose runs leave laws of contact out
         warn(findings, strict=False)
     return state

@@ -191,7 +191,7 @@ def choice(state: LimitState, method: str) -> tuple[bool, str]:
     if method == "subset":
         return True, ""
     if method == "design points":
-        require_smooth(state, "use method = 'subset'")
+        require_smooth(state, "use the method 'subset'")
     elif names := state.discrete_names:
         return True, f"{names} discrete: "
     elif state.dimension < _FEW:

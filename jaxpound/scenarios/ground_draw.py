@@ -68,7 +68,7 @@ class SumOfDraws(Composed, GroundDraw):
             raise InvalidInput("parts", "", "must hold at least one that is drawn")
         for i, part in enumerate(self.parts):
             if not isinstance(part, Draw):
-                motion.require_ground(f"SumOfDraws: parts[{i}]", part)
+                motion.require_ground(f"parts[{i}]", part)
         if len(units := sorted({*self._units()})) > 1:
             rule = "must be in the same unit of time, but are in " + " and ".join(units)
             raise InvalidInput("parts", "", rule)

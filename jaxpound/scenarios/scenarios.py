@@ -127,7 +127,7 @@ class Scenarios(Composed):
     def __post_init__(self) -> None:
         instance("structures", self.structures, Structures, Draw)
         if not isinstance(self.ground, Draw):
-            motion.require_ground("Scenarios: ground", self.ground)
+            motion.require_ground("ground", self.ground)
         nominal = getattr(self.structures, "nominal", self.structures)
         if isinstance(nominal, Structures):  # else each run checks the unit of time
             require_time_unit("ground", self.ground, si=in_si(nominal))

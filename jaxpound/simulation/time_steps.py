@@ -43,7 +43,8 @@ def run_grid(
     if not isinstance(structures, Buildings):
         raise InvalidInput("grid", "None", f"{rule}: it is chosen for Buildings only")
     if is_traced((structures, [record.dt for record in records] or ground)):
-        reason = "it follows from buildings, a record's dt and wavelets, of which some are traced"
+        reason = "it follows from buildings, a record's dt and wavelets, of which some are traced; "
+        reason += "TimeGrid.until(duration, dt) makes one"
         raise InvalidInput("grid", "None", f"{rule}: {reason}")
     require_time_unit("ground", ground, si=True)
     if not records and duration is None:

@@ -189,7 +189,7 @@ class Task:
         reason = refusal(lambda: demand(*self.scenarios.realize(point), self.grid, self.scheme))
         reason = reason or next(f"{name} is not finite" for name in valid if not valid[name][first])
         rule = f"fails: {reason}; keep_failures=True leaves failed runs out"
-        raise InvalidInput(f"scenario {rows[first]}", "", rule)
+        raise InvalidInput(f"scenario {rows[first]}", "", rule, owner="monte_carlo")
 
 
 def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:

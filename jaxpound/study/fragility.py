@@ -85,7 +85,11 @@ class Fragility(Shown):
 
         Raises ``ValueError`` for a unit that is not one of the same quantity.
         """
-        sizes, unit = units_like(self.unit), measure_unit(unit) or unit
+        instance("unit", unit, str)
+        if not (sizes := units_like(self.unit)):
+            rule = "must state a unit that is known, such as 'PGA (g)'"
+            raise InvalidInput("measure", repr(self.measure), rule)
+        unit = measure_unit(unit) or unit
         require_one_of(unit, sizes, "unit")
         factor, measure = sizes[self.unit] / sizes[unit], Measure.of_text(self.measure)
         text = str(dataclasses.replace(measure, unit=unit))

@@ -78,6 +78,10 @@ class Moments(NamedTuple):
         ends = float(x[w > 0].min()), float(x[w > 0].max())
         return Moments(x.size, mean, float(w @ (x - mean) ** 2), *ends, weight, float(w @ w))
 
+    def __str__(self) -> str:
+        extremes = f"{self.smallest:.4g} to {self.largest:.4g}"
+        return f"mean {self.mean:.4g}, standard deviation {self.std:.4g}, {extremes} ({self.n:,})"
+
     def __add__(self, other: Moments) -> Moments:  # type: ignore[override]
         """Moments of both parts (Chan, Golub and LeVeque 1979), with weights for counts."""
         if not self.n or not other.n:
