@@ -12,7 +12,7 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._tables import TextTable
 from jaxpound.cli import files
-from jaxpound.cli.reading import Count, File, Numbers, Section, Way, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Numbers, Section, Form, between, named, refused, says
 from jaxpound.cli.tables import Gap
 from jaxpound.ground.measure import Measure, units_like
 from jaxpound.hazard.points import read_hazard
@@ -36,7 +36,7 @@ class HazardTable(Section):
     site: _Site | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(Way(("intensity", "annual_rate")), Way(("file",), ("site",)))
+        self.require_form(Form(("intensity", "annual_rate")), Form(("file",), ("site",)))
         self.refuse_any(("unit",), 'must be written in measure, such as measure = "PGA (g)"')
 
     def model(self, file: File) -> jp.HazardCurve:
@@ -58,7 +58,7 @@ class FragilityTable(Section):
 
     def __post_init__(self) -> None:
         curve = ("median", "dispersion")
-        self.require_way(Way(curve), Way((*curve, "median_error", "dispersion_error")))
+        self.require_form(Form(curve), Form((*curve, "median_error", "dispersion_error")))
         for name in curve:
             number, error = getattr(self, name), getattr(self, f"{name}_error") or 0.0
             if error > number:
@@ -113,7 +113,7 @@ class Lifetime(Section):
     results: LifetimeResults = LifetimeResults()
 
     def __post_init__(self) -> None:
-        self.require_way(Way(("fragility",)), Way(("study",)))
+        self.require_form(Form(("fragility",)), Form(("study",)))
 
 
 class LifetimeRisk(NamedTuple):

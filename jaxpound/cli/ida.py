@@ -12,7 +12,7 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._errors import InvalidInput
 from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sentence, write_report
-from jaxpound.cli.reading import Count, File, Range, Section, Way, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Range, Section, Form, between, named, refused, says
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import SampleInterval, require_threshold
 from jaxpound.hazard.ida import FRACTILES
@@ -51,7 +51,7 @@ class TargetTable(Section):
     least: Annotated[float, between(1e-3, 10, "", "a share of the target")] | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(Way(("code",)), Way(("range",)))  # of periods
+        self.require_form(Form(("code",)), Form(("range",)))  # of periods
 
 
 class LadderTable(Section):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import jaxpound as jp
-from jaxpound.cli.reading import Section, Way, between, named, of_field, refused
+from jaxpound.cli.reading import Section, Form, between, named, of_field, refused
 from jaxpound.cli.tables import ContactSection, Gaps, OfClass, of_faces
 from jaxpound.model.isolation import RATE
 from jaxpound.model.row import by_face
@@ -72,7 +72,9 @@ class TunedMassSection(Section):
     damping_ratio: Annotated[float, between(1e-6, 1, "", "of the critical damping")] | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(Way(("mass_ratio",)), Way(("inertance_ratio",), ("mass_ratio", "floor")))
+        self.require_form(
+            Form(("mass_ratio",)), Form(("inertance_ratio",), ("mass_ratio", "floor"))
+        )
 
     def on(
         self, building: jp.ShearBuilding, number: int

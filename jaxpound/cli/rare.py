@@ -18,7 +18,7 @@ from jaxpound._errors import warn
 from jaxpound._tables import TextTable
 from jaxpound.cli.files import VERSION, csv_text, kept_search, write_report
 from jaxpound.cli.parameters import Parameters, Uncertain, by_path
-from jaxpound.cli.reading import Count, File, Section, Seed, Way, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Section, Seed, Form, between, named, refused, says
 from jaxpound.cli.tables import require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.parameters import get
@@ -41,7 +41,7 @@ class LimitTable(Section):
     thresholds: Annotated[list[float], _Thresholds] | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(Way((), ("gap",)), Way(("demand", "threshold")))
+        self.require_form(Form((), ("gap",)), Form(("demand", "threshold")))
         key = "gap" if self.demand is None else "threshold"
         require_threshold(key, self.demand_name, self.lowest_threshold)
         for threshold in self.thresholds or ():

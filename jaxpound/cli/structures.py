@@ -10,15 +10,15 @@ import jaxpound as jp
 from jaxpound._errors import warn
 from jaxpound.cli import buildings
 from jaxpound.cli.buildings import OF_STOREYS, BuildingSection, BuildingsLayout, LinkSection
-from jaxpound.cli.reading import File, Range, Section, Way, named, refused
+from jaxpound.cli.reading import File, Range, Section, Form, named, refused
 from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, read_records
 from jaxpound.model.places import link_places
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.scheme import require_local_flow
 from jaxpound.simulation.time_steps import record_grid
 
-_ROW = Way(("building",), ("link",))
-_PAIR = Way(("gap", "building_1", "building_2", "damper"), ("contact",))
+_ROW = Form(("building",), ("link",))
+_PAIR = Form(("gap", "building_1", "building_2", "damper"), ("contact",))
 
 
 class Structured(Section, dict=True):
@@ -50,7 +50,7 @@ class Structured(Section, dict=True):
     @cached_property
     def layout(self) -> BuildingsLayout:
         """The buildings and what is between them; a pair is a row of two."""
-        if self.require_way(_ROW, _PAIR) is _ROW:
+        if self.require_form(_ROW, _PAIR) is _ROW:
             if not self.building:
                 raise ValueError("the top level lacks a table [[building]]")
             return BuildingsLayout.of(self.building, self.link or [])

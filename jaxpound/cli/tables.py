@@ -14,7 +14,17 @@ from msgspec import Meta
 
 import jaxpound as jp
 from jaxpound.cli import reading
-from jaxpound.cli.reading import Count, Range, Section, Way, between, named, of_field, refused, says
+from jaxpound.cli.reading import (
+    Count,
+    Range,
+    Section,
+    Form,
+    between,
+    named,
+    of_field,
+    refused,
+    says,
+)
 from jaxpound.model.plausibility import FRICTION, GAP
 from jaxpound.results.named import REQUIRED_GAP, kind_of
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
@@ -275,10 +285,10 @@ _OF_NOISE = "a standard deviation in g, or its distribution, {lognormal = [media
 _Strength = Annotated[float, between(1e-6, *_STRENGTH[1:])]  # a run needs shaking
 _Acceleration = Annotated[_Strength | DistributionSpec, says(_OF_NOISE, _STRENGTH, _Strength)]
 _SAMPLES_IN_A_PERIOD = 20
-_GAMMA, _PLATEAU = Way(("peak", "power")), Way(("rise", "end", "decay"))
-_WAVELETS = Way(("wavelets", "amplitude", "periods", "arrivals"), ("negative", "intensity"))
-_RECORDS = Way(("records",), ("units", "factor", "weights"))
-_NOISE = Way(
+_GAMMA, _PLATEAU = Form(("peak", "power")), Form(("rise", "end", "decay"))
+_WAVELETS = Form(("wavelets", "amplitude", "periods", "arrivals"), ("negative", "intensity"))
+_RECORDS = Form(("records",), ("units", "factor", "weights"))
+_NOISE = Form(
     ("filter", "frequency", "damping", "acceleration", "duration"),
     ("high_pass", "high_pass_damping", "dt", "envelope"),
 )
@@ -294,7 +304,7 @@ class EnvelopeTable(Section):
     decay: Annotated[float, between(1e-3, 1e3, "1/s", "of the exponential decay")] | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(_GAMMA, _PLATEAU)
+        self.require_form(_GAMMA, _PLATEAU)
         self.model()
 
     def model(self) -> jp.GammaEnvelope | jp.ground.PlateauEnvelope:
@@ -330,7 +340,7 @@ class Earthquakes(Section):
     envelope: EnvelopeTable | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(_WAVELETS, _RECORDS, _NOISE)
+        self.require_form(_WAVELETS, _RECORDS, _NOISE)
         for key, allowed in reading.ranges(Earthquakes).items():
             if isinstance(distribution := getattr(self, key), DistributionSpec):
                 distribution.require(key, allowed)
