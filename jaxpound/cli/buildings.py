@@ -15,7 +15,7 @@ from msgspec import Meta
 
 import jaxpound as jp
 from jaxpound.cli.isolation import IsolationSection, TunedMassSection, device_of
-from jaxpound.cli.reading import Section, Form, between, each, named, of_field, refused, says
+from jaxpound.cli.reading import Form, Section, between, each, named, of_field, refused, says
 from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
 from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction

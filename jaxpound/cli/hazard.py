@@ -12,7 +12,7 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._tables import TextTable
 from jaxpound.cli import files
-from jaxpound.cli.reading import Count, File, Numbers, Section, Form, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Form, Numbers, Section, between, named, refused, says
 from jaxpound.cli.tables import Gap
 from jaxpound.ground.measure import Measure, units_like
 from jaxpound.hazard.points import read_hazard

@@ -12,7 +12,7 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._errors import InvalidInput
 from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sentence, write_report
-from jaxpound.cli.reading import Count, File, Range, Section, Form, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Form, Range, Section, between, named, refused, says
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import SampleInterval, require_threshold
 from jaxpound.hazard.ida import FRACTILES

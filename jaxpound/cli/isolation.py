@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import jaxpound as jp
-from jaxpound.cli.reading import Section, Form, between, named, of_field, refused
+from jaxpound.cli.reading import Form, Section, between, named, of_field, refused
 from jaxpound.cli.tables import ContactSection, Gaps, OfClass, of_faces
 from jaxpound.model.isolation import RATE
 from jaxpound.model.row import by_face

@@ -18,7 +18,7 @@ from jaxpound._errors import warn
 from jaxpound._tables import TextTable
 from jaxpound.cli.files import VERSION, csv_text, kept_search, write_report
 from jaxpound.cli.parameters import Parameters, Uncertain, by_path
-from jaxpound.cli.reading import Count, File, Section, Seed, Form, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Form, Section, Seed, between, named, refused, says
 from jaxpound.cli.tables import require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.parameters import get

@@ -10,7 +10,7 @@ import jaxpound as jp
 from jaxpound._errors import warn
 from jaxpound.cli import buildings
 from jaxpound.cli.buildings import OF_STOREYS, BuildingSection, BuildingsLayout, LinkSection
-from jaxpound.cli.reading import File, Range, Section, Form, named, refused
+from jaxpound.cli.reading import File, Form, Range, Section, named, refused
 from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, read_records
 from jaxpound.model.places import link_places
 from jaxpound.scenarios.ground_draw import GroundDraw

@@ -16,9 +16,9 @@ import jaxpound as jp
 from jaxpound.cli import reading
 from jaxpound.cli.reading import (
     Count,
+    Form,
     Range,
     Section,
-    Form,
     between,
     named,
     of_field,
