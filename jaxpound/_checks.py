@@ -271,7 +271,7 @@ def instead(value: Any, types: str) -> str:
 def as_tuple(name: str, value: Any) -> tuple[Any, ...]:
     """A sequence as a tuple; an ``InvalidInput`` for anything else."""
     if not isinstance(value, Sequence | np.ndarray | jax.Array) or isinstance(value, str):
-        rule = f"must be a tuple, as (x,) is{instead(value, 'tuple')}"
+        rule = f"must be a tuple{instead(value, 'tuple') or ', as (x,) is'}"
         raise InvalidInput(name, reprlib.repr(value), rule)
     return tuple(value)
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number
-from jaxpound._errors import InvalidInput, warn
+from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._fields import rules
 from jaxpound._xla.programs import note_long_compilations
 from jaxpound.buildings import Buildings
@@ -302,7 +302,10 @@ def _demand(
         return _run(case, grid, scheme, temperature, keep=False)[1]
 
     scalars = extrapolated(at(grid), at(grid.halved)) if scheme.extrapolated else at(grid)
-    return scalars if only is None else scalars.only(only)
+    if only is None:
+        return scalars
+    with renamed("only"):
+        return scalars.only(only)
 
 
 @partial(jax.jit, static_argnames=("key", "grid", "scheme", "balanced"))
