@@ -19,9 +19,10 @@ from jaxpound.cli.files import VERSION, kept_search, write_files, write_report
 from jaxpound.cli.parameters import Parameters, VariableBounds, design_space
 from jaxpound.cli.reading import Count, File, Range, Section, Seed, between, named, refused, says
 from jaxpound.cli.structures import Shaken
-from jaxpound.cli.tables import Files, Gap, OfClass, read_records, require_threshold
+from jaxpound.cli.tables import Files, Gap, OfClass, read_records
 from jaxpound.design.problem import DesignProblem
 from jaxpound.reliability.result import RAREST
+from jaxpound.results.named import threshold_range
 
 _Temperature = Annotated[float, between(1e-9, 10, "m", "of the soft minimum of gaps")]
 _SHARE = '"worst", "mean" or a share'
@@ -199,10 +200,9 @@ def objective_of(name: str, config: DesignConfig) -> jp.Objective:
         for demand, x in getattr(config, table).items():
             place = f"{name}: [{table}] {demand}"
             number, *more = [x] if isinstance(x, float) else astuple(x)
-            if table == "limits":
-                require_threshold(place, demand, number)
-            else:
-                _PENALTY.require(place, number)
+            if number is not None:
+                within = threshold_range(demand) if table == "limits" else _PENALTY
+                within.require(place, number)
             with named(f"{place}:"):
                 by_demand[table][demand] = kind(number, *more)
     with named(f"{name}: [objective]"):

@@ -60,8 +60,7 @@ class FragilityTable(Section):
         curve = ("median", "dispersion")
         self.require_form(Form(curve), Form((*curve, "median_error", "dispersion_error")))
         for name in curve:
-            number, error = getattr(self, name), getattr(self, f"{name}_error") or 0.0
-            if error > number:
+            if (error := getattr(self, f"{name}_error") or 0.0) > (number := getattr(self, name)):
                 rule = f"must be at most the {name} itself, {number:g}"
                 raise refused(f"{name}_error", rule, f"{error:g}")
 
@@ -189,9 +188,8 @@ def combined(file: File, lifetime: Lifetime) -> LifetimeRisk:
     with named(of_study):
         shares = table.gap_probabilities or ()
         gaps = {p: hazard.required_gap(study, p, results.years, **options) for p in shares}
-    return LifetimeRisk(
-        hazard, fragility, rate, gaps, results, None if fragility else table.intensity
-    )
+    drawn = None if fragility else table.intensity
+    return LifetimeRisk(hazard, fragility, rate, gaps, results, drawn)
 
 
 def in_one_unit(

@@ -14,9 +14,9 @@ from jaxpound._errors import InvalidInput
 from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sentence, write_report
 from jaxpound.cli.reading import Count, File, Form, Range, Section, between, named, refused, says
 from jaxpound.cli.structures import Structured
-from jaxpound.cli.tables import SampleInterval, require_threshold
+from jaxpound.cli.tables import SampleInterval
 from jaxpound.hazard.ida import FRACTILES
-from jaxpound.results.named import demand_in_words
+from jaxpound.results.named import demand_in_words, threshold_range
 from jaxpound.simulation.time_steps import natural_periods, record_grid
 
 _Numbers = Annotated[list[float], says("a list of numbers", min_length=1)]
@@ -67,7 +67,8 @@ class LadderTable(Section):
     def __post_init__(self) -> None:
         if self.period is not None and self.measure != "sa":
             raise refused("period", 'must be given with measure = "sa" only')
-        require_threshold("threshold", self.demand, self.threshold)
+        if self.threshold is not None:
+            threshold_range(self.demand).require("threshold", self.threshold)
 
 
 class IdaConfig(Structured, kw_only=True):
@@ -127,9 +128,8 @@ def records(
         periods = natural_periods(config.buildings)
         span: Any = _RANGES[to.code](*periods) if to.code else to.range
         target = jp.ground.TargetSpectrum(to.periods, to.accelerations, to.damping)
-        scaled = suite.scaled_to(
-            target, span, to.factors, best=to.best, least=to.least, strict=strict
-        )
+        chosen: Any = {"best": to.best, "least": to.least}
+        scaled = suite.scaled_to(target, span, to.factors, **chosen, strict=strict)
     return scaled.suite, scaled
 
 

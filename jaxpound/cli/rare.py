@@ -19,12 +19,11 @@ from jaxpound._tables import TextTable
 from jaxpound.cli.files import VERSION, csv_text, kept_search, write_report
 from jaxpound.cli.parameters import Parameters, Uncertain, by_path
 from jaxpound.cli.reading import Count, File, Form, Section, Seed, between, named, refused, says
-from jaxpound.cli.tables import require_threshold
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.parameters import get
 from jaxpound.reliability.run import choice, require_smooth
 from jaxpound.reliability.target import WITHOUT_JUMPS
-from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, unit_of
+from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, threshold_range, unit_of
 from jaxpound.scenarios.scenarios import grounds_at
 
 _Thresholds = says("a list of two numbers or more, each above 0", min_length=2)
@@ -42,10 +41,11 @@ class LimitTable(Section):
 
     def __post_init__(self) -> None:
         self.require_form(Form((), ("gap",)), Form(("demand", "threshold")))
-        key = "gap" if self.demand is None else "threshold"
-        require_threshold(key, self.demand_name, self.lowest_threshold)
+        within = threshold_range(self.demand_name)
+        if self.lowest_threshold is not None:
+            within.require("gap" if self.demand is None else "threshold", self.lowest_threshold)
         for threshold in self.thresholds or ():
-            require_threshold("thresholds", self.demand_name, threshold)
+            within.require("thresholds", threshold)
 
     @property
     def demand_name(self) -> str:

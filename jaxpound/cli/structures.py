@@ -87,8 +87,6 @@ class Shaken(Structured, kw_only=True):
         steps = self.buildings, run.scheme, shapes, run.duration, run.dt
         grid = record_grid(*steps, place=f"{file.name}: [run]")
         if table.arrivals:
-            within = Range(
-                0.0, run.duration or grid.duration, "s", "the run, so that every wavelet shakes"
-            )
-            table.arrivals.require(f"{place} arrivals", within)
+            whole, why = run.duration or grid.duration, "the run, so that every wavelet shakes"
+            table.arrivals.require(f"{place} arrivals", Range(0.0, whole, "s", why))
         return ground, grid

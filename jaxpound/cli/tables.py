@@ -26,7 +26,6 @@ from jaxpound.cli.reading import (
     says,
 )
 from jaxpound.model.plausibility import FRICTION, GAP
-from jaxpound.results.named import REQUIRED_GAP, kind_of
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.time_steps import DURATION
@@ -37,17 +36,6 @@ _Face = Annotated[float, between(0, math.inf, "m", "infinite on a side where not
 _Faces = Annotated[list[_Face], Meta(min_length=2, max_length=2)]
 Gaps = Annotated[Gap | _Faces, says(_FACES, GAP, alone=Gap)]
 Friction = Annotated[float, between(*FRICTION)]
-_OF_DEMANDS = {  # ranges of limits and thresholds of a demand, by its kind of quantity
-    "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),
-    "length": Range(1e-9, 1e3, "m", "up to a kilometre"),
-    "acceleration": Range(1e-6, 1e4, "m/s²", "up to a thousand times gravity"),
-    "velocity": Range(1e-6, 1e3, "m/s", "faster than sound"),
-    "time": Range(1e-6, 3600, "s", "from the start of the run"),
-    "energy": Range(1e-9, 1e15, "J", "a force and a length of these sizes"),
-    "mass": Range(1e-6, 1e12, "kg", "up to the inertance of many buildings"),
-    "impulse": Range(1e-9, 1e15, "N s", "a force for a time"),
-    None: Range(1e-9, 1e9, "", "of a count or a ratio"),
-}
 SampleInterval = Annotated[float, between(1e-6, 10, "s", "a sample interval")]
 
 
@@ -74,15 +62,6 @@ def of_faces(gap: float | list[float] | None) -> Any:
         if x != math.inf or {*gap} == {math.inf}:  # one of them closes
             GAP.require(f"gap: {side}", x)
     return tuple(gap)
-
-
-def require_threshold(place: str, demand: str, value: float | None) -> None:
-    """A ``ValueError`` for a threshold that every run reaches, or none; ``place`` names it."""
-    within = _OF_DEMANDS[kind_of(demand)]
-    if demand == REQUIRED_GAP:
-        within = GAP._replace(low=within.low)
-    if value is not None:
-        within.require(place, value)
 
 
 class OfClass(Section):
@@ -384,9 +363,8 @@ class Earthquakes(Section):
         filter: Any = jp.KanaiTajimi(*ground)
         if self.high_pass is not None:
             share = {"high_pass_damping": self.high_pass_damping} if self.high_pass_damping else {}
-            filter = jp.ground.CloughPenzien(
-                *ground, high_pass=2 * math.pi * self.high_pass, **share
-            )
+            corner = 2 * math.pi * self.high_pass
+            filter = jp.ground.CloughPenzien(*ground, high_pass=corner, **share)
         dt = self.dt or 1 / (_SAMPLES_IN_A_PERIOD * table.frequency)
         strength = table.acceleration
         return jp.FilteredNoise(

@@ -15,13 +15,14 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxpound._checks import did_you_mean, hint, real
+from jaxpound._checks import Range, did_you_mean, hint, real
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger
 from jaxpound._fields import Quantity
 from jaxpound.model.contact import Newton
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of
+from jaxpound.model.plausibility import GAP
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import Link, Rod, System, is_closable
 from jaxpound.model.topology import GROUND, Topology, is_storey
@@ -78,6 +79,25 @@ def quantity_named(name: str) -> Quantity | None:
 def kind_of(name: str) -> str | None:
     """Kind of quantity of a demand; None for a pure number and for any other column."""
     return getattr(quantity_named(name), "kind", None)
+
+
+_THRESHOLDS = {  # in SI, by the kind of quantity
+    "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),
+    "length": Range(1e-9, 1e3, "m", "up to a kilometre"),
+    "acceleration": Range(1e-6, 1e4, "m/s²", "up to a thousand times gravity"),
+    "velocity": Range(1e-6, 1e3, "m/s", "faster than sound"),
+    "time": Range(1e-6, 3600, "s", "from the start of the run"),
+    "energy": Range(1e-9, 1e15, "J", "a force and a length of these sizes"),
+    "mass": Range(1e-6, 1e12, "kg", "up to the inertance of many buildings"),
+    "impulse": Range(1e-9, 1e15, "N s", "a force for a time"),
+    None: Range(1e-9, 1e9, "", "of a count or a ratio"),
+}
+
+
+def threshold_range(demand: str) -> Range:
+    """The range of a threshold or limit of a demand in SI: beyond it all runs reach it, or none."""
+    within = _THRESHOLDS[kind_of(demand)]
+    return GAP._replace(low=within.low) if demand == REQUIRED_GAP else within
 
 
 def unit_of(name: str, si: bool) -> str:
