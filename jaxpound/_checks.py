@@ -63,7 +63,7 @@ class Range(NamedTuple):
     def require(self, place: str, value: Any) -> None:
         """An ``InvalidInput``, named by ``place``, for a number outside the range."""
         if (number := float(value)) not in self:
-            raise InvalidInput("", place, self.with_unit(f"{number:.6g}"), f"must be {self.rule}")
+            raise InvalidInput(place, self.with_unit(f"{number:.6g}"), f"must be {self.rule}")
 
 
 def is_traced(tree: Any) -> bool:
@@ -76,7 +76,7 @@ def is_known_and_single(tree: Any) -> bool:
     return not is_traced(tree) and not any(np.ndim(leaf) for leaf in jax.tree.leaves(tree))
 
 
-def real(owner: str, name: str, value: Any) -> Any:
+def real(name: str, value: Any) -> Any:
     """``value`` as floating-point numbers if it is real or traced; else an ``InvalidInput``.
 
     Floats keep their precision; integers become floats, which do not overflow and have gradients.
@@ -91,10 +91,10 @@ def real(owner: str, name: str, value: Any) -> Any:
         array = np.asarray(value)
     except Exception as error:
         rule = f"is not a number ({error})"
-        raise InvalidInput(owner, name, reprlib.repr(value), rule) from error
+        raise InvalidInput(name, reprlib.repr(value), rule) from error
     if array.dtype.kind not in "fiu":
         none = " (0 stands for none)" if value is None and name.startswith("friction") else ""
-        raise InvalidInput(owner, name, reprlib.repr(value), f"must be a real number{none}")
+        raise InvalidInput(name, reprlib.repr(value), f"must be a real number{none}")
     if isinstance(value, jax.Array):
         return value if array.dtype.kind == "f" else value.astype(float)
     if isinstance(value, float):
@@ -104,9 +104,9 @@ def real(owner: str, name: str, value: Any) -> Any:
     return array[()] if isinstance(value, np.generic) else array
 
 
-def array(owner: str, name: str, value: Any, *shapes: tuple[int, ...]) -> np.ndarray:
+def array(name: str, value: Any, *shapes: tuple[int, ...]) -> np.ndarray:
     """Known real numbers as an array of one of some shapes, in which −1 is any length from 1 on."""
-    x = np.asarray(real(owner, name, value), float)
+    x = np.asarray(real(name, value), float)
 
     def fits(shape: tuple[int, ...]) -> bool:
         sizes = zip(shape, x.shape, strict=True)
@@ -115,14 +115,14 @@ def array(owner: str, name: str, value: Any, *shapes: tuple[int, ...]) -> np.nda
     if not any(map(fits, shapes)):
         listed = " or ".join(str(shape or "one number") for shape in shapes)
         rule = listed.replace("-1,)", "n,) with n ≥ 1")
-        raise InvalidInput(owner, name, "", f"of shape {x.shape} must be {rule}")
+        raise InvalidInput(name, "", f"of shape {x.shape} must be {rule}")
     return x
 
 
-def number(owner: str, name: str, value: Any) -> Any:
+def number(name: str, value: Any) -> Any:
     """``real`` of a single number; an ``InvalidInput`` for an array."""
-    if jnp.ndim(value := real(owner, name, value)):
-        raise InvalidInput(owner, name, "", f"of shape {jnp.shape(value)} must be one number")
+    if jnp.ndim(value := real(name, value)):
+        raise InvalidInput(name, "", f"of shape {jnp.shape(value)} must be one number")
     return value
 
 
@@ -133,26 +133,26 @@ def is_whole(value: Any) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def count(owner: str, name: str, value: Any) -> int:
+def count(name: str, value: Any) -> int:
     """``value`` as an integer; an ``InvalidInput`` if it is not a positive whole number."""
     if not (is_whole(value) and value >= 1):
-        raise InvalidInput(owner, name, repr(value), "must be a positive whole number")
+        raise InvalidInput(name, repr(value), "must be a positive whole number")
     return int(value)
 
 
-def seed(owner: str, name: str, value: Any) -> int:
+def seed(name: str, value: Any) -> int:
     """``value`` as a seed; an ``InvalidInput`` if it is not a whole number from 0 to 2^32 − 1."""
     if not (is_whole(value) and 0 <= value < 2**32):
-        raise InvalidInput(owner, name, repr(value), "must be a whole number from 0 to 2^32 - 1")
+        raise InvalidInput(name, repr(value), "must be a whole number from 0 to 2^32 - 1")
     return int(value)
 
 
-def require_memory(owner: str, name: str, value: int, size: int) -> None:
+def require_memory(name: str, value: int, size: int) -> None:
     """An ``InvalidInput`` if ``value`` items of together ``size`` bytes or more do not fit."""
     if size > _MOST_MEMORY * (memory := machine_memory()):
         shown = f"{value:,}" if value < 10**15 else f"{Decimal(value):.3g}"
         rule = f"would take {_in_bytes(size)} of memory; this machine has {_in_bytes(memory)}"
-        raise InvalidInput(owner, name, shown, rule)
+        raise InvalidInput(name, shown, rule)
 
 
 def machine_memory() -> int:
@@ -180,10 +180,10 @@ def _in_bytes(size: int) -> str:
     return f"{Decimal(size) / 1000**power:.3g} {units[power]}"
 
 
-def require_share(owner: str, name: str, value: Any) -> None:
+def require_share(name: str, value: Any) -> None:
     """An ``InvalidInput`` for a number that is not between 0 and 1."""
-    value = number(owner, name, value)
-    enforce(owner, [Rule(name, value, (value > 0) & (value < 1), "between 0 and 1")])
+    value = number(name, value)
+    enforce([Rule(name, value, (value > 0) & (value < 1), "between 0 and 1")])
 
 
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:
@@ -198,11 +198,11 @@ def hint(word: Any, allowed: Iterable[str]) -> str:
     return did_you_mean(str(word), allowed) or f"allowed: {', '.join(allowed)}"
 
 
-def require_one_of(owner: str, value: Any, allowed: Collection[str], name: str = "") -> None:
+def require_one_of(value: Any, allowed: Collection[str], name: str = "") -> None:
     """An ``InvalidInput``, by the value or by a name, for a value that is none of those allowed."""
     if value not in allowed:
         subject = (name, repr(value)) if name else (repr(value), "")
-        raise InvalidInput(owner, *subject, f"must be one of {', '.join(allowed)}")
+        raise InvalidInput(*subject, f"must be one of {', '.join(allowed)}")
 
 
 def refusal(call: Callable[[], Any]) -> str:
@@ -214,49 +214,51 @@ def refusal(call: Callable[[], Any]) -> str:
     return ""
 
 
-def positive(owner: str, **values: Any) -> list[Any]:
+def positive(**values: Any) -> list[Any]:
     """``real`` of each value; an error for a concrete one that is not positive and finite."""
-    return _numbers(owner, values, lambda x: x > 0, "positive and finite")
+    return _numbers(values, lambda x: x > 0, "positive and finite")
 
 
-def positive_number(owner: str, **values: Any) -> list[Any]:
+def positive_number(**values: Any) -> list[Any]:
     """``positive`` of values each of which must be one number."""
-    return positive(owner, **{name: number(owner, name, x) for name, x in values.items()})
+    return positive(**{name: number(name, x) for name, x in values.items()})
 
 
-def not_negative(owner: str, **values: Any) -> list[Any]:
+def not_negative(**values: Any) -> list[Any]:
     """``real`` of each value; an error for a concrete one that is negative or not finite."""
-    return _numbers(owner, values, lambda x: x >= 0, "finite and not negative")
+    return _numbers(values, lambda x: x >= 0, "finite and not negative")
 
 
-def _numbers(owner: str, values: dict[str, Any], holds: Callable[..., Any], says: str) -> list[Any]:
-    numbers = {name: real(owner, name, value) for name, value in values.items()}
-    enforce(owner, [Rule(name, x, holds(x) & finite(x), says) for name, x in numbers.items()])
+def _numbers(values: dict[str, Any], holds: Callable[..., Any], says: str) -> list[Any]:
+    numbers = {name: real(name, value) for name, value in values.items()}
+    enforce([Rule(name, x, holds(x) & finite(x), says) for name, x in numbers.items()])
     return [*numbers.values()]
 
 
-def require_batch(owner: str, **values: Any) -> None:
+def require_batch(**values: Any) -> None:
     """An ``InvalidInput`` for arrays whose shapes do not broadcast."""
     shapes = {name: jnp.shape(value) for name, value in values.items()}
     try:
         np.broadcast_shapes(*shapes.values())
     except ValueError:
         listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        raise InvalidInput(owner, "", "", f"the shapes of {listed} must make one batch") from None
+        raise InvalidInput("", "", f"the shapes of {listed} must make one batch") from None
 
 
-def instance(owner: str, name: str, value: Any, *kinds: type) -> None:
+def instance(name: str, value: Any, *kinds: type) -> None:
     """An ``InvalidInput`` for an object of another type."""
     if isinstance(value, type) or not isinstance(value, kinds):  # a class has a protocol's methods
         types = " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
         rule = f"must be of type {types}{instead(value, types)}"
-        raise InvalidInput(owner, name, reprlib.repr(value), rule)
+        raise InvalidInput(name, reprlib.repr(value), rule)
 
 
 def instead(value: Any, types: str) -> str:
     """Ends a message on a wrong object, in the place of ``types``: the function that takes it."""
     if re.search(r"\bRecord\b", types) and isinstance(value, str | os.PathLike):
         return "; read_record reads one from a file"
+    if types == "ScenarioSet":
+        return "; Scenarios(structures, ground) makes one"
     first = value[0] if isinstance(value, tuple | list) and value else value
     if hasattr(type(first), "natural_period"):  # a building
         return "; Buildings((left, right), links) makes structures of them"
@@ -266,20 +268,20 @@ def instead(value: Any, types: str) -> str:
     return f"; simulate and demand take structures{parts}"
 
 
-def as_tuple(owner: str, name: str, value: Any) -> tuple[Any, ...]:
+def as_tuple(name: str, value: Any) -> tuple[Any, ...]:
     """A sequence as a tuple; an ``InvalidInput`` for anything else."""
     if not isinstance(value, Sequence | np.ndarray | jax.Array) or isinstance(value, str):
-        rule = f"must be a tuple{instead(value, 'tuple')}"
-        raise InvalidInput(owner, name, reprlib.repr(value), rule)
+        rule = f"must be a tuple{instead(value, 'tuple') or ', as (x,) is'}"
+        raise InvalidInput(name, reprlib.repr(value), rule)
     return tuple(value)
 
 
-def pytree(owner: str, name: str, value: Any) -> None:
+def pytree(name: str, value: Any) -> None:
     """An ``InvalidInput`` for an object that is no pytree: JAX would not see its numbers."""
     if all_leaves([value]):
         both = "@jax.tree_util.register_dataclass and then @dataclasses.dataclass(frozen=True)"
         rule = f"of type {type(value).__name__} must be a pytree: put {both} before its class"
-        raise InvalidInput(owner, name, "", rule)
+        raise InvalidInput(name, "", rule)
 
 
 def require_folder(path: str | os.PathLike[str]) -> None:
@@ -293,7 +295,7 @@ def finite(x: Any) -> Any:
     return abs(x) < float("inf")
 
 
-def enforce(owner: str, rules: Iterable[Rule]) -> None:
+def enforce(rules: Iterable[Rule]) -> None:
     """An ``InvalidInput`` for the first rule that a concrete value breaks."""
     for rule in rules:
         if is_traced((rule.value, rule.holds)):
@@ -303,7 +305,7 @@ def enforce(owner: str, rules: Iterable[Rule]) -> None:
             first = np.unravel_index(np.argmin(holds), holds.shape)
             index = f" (at index [{', '.join(map(str, first))}])" if first else ""
             shown = f"{value[first].item():.8g}{index}"
-            raise InvalidInput(owner, rule.name, shown, f"must be {rule.says}")
+            raise InvalidInput(rule.name, shown, f"must be {rule.says}")
 
 
 def all_hold(rules: Iterable[Rule]) -> jax.Array:

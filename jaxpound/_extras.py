@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+from jaxpound._errors import caller
+
 EXTRAS = {  # the extra that installs a library
     "pandas": "tables",
     "pyarrow": "tables",
@@ -15,8 +17,8 @@ EXTRAS = {  # the extra that installs a library
 }
 
 
-def require(owner: str, library: str) -> Any:
-    """Import a library; the ``ImportError`` names ``owner`` and the extra that installs it."""
+def require(library: str) -> Any:
+    """Import a library; the ``ImportError`` names the caller and the extra that installs it."""
     try:
         return importlib.import_module(library)
     except ModuleNotFoundError as error:
@@ -24,4 +26,4 @@ def require(owner: str, library: str) -> Any:
             raise
         extra = EXTRAS[library]
         remedy = f"the extra {extra!r} brings: pip install '.[{extra}]' in a clone of jaxpound"
-        raise ImportError(f"{owner} needs {library}, which {remedy}") from error
+        raise ImportError(f"{caller()} needs {library}, which {remedy}") from error

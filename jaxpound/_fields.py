@@ -199,7 +199,7 @@ def pytree_dataclass(cls: type[T]) -> type[T]:
     with cotangents, axis numbers or tracers in the place of numbers: rebuilding makes no checks.
     """
     if not hasattr(cls, "__post_init__"):
-        cls.__post_init__ = check  # type: ignore[attr-defined]
+        cls.__post_init__ = Checked.__post_init__  # type: ignore[attr-defined]
     if cls.__repr__ is object.__repr__:  # neither the class nor a base prints it
         cls.__repr__ = dataclass_repr  # type: ignore[method-assign]
     data_cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
@@ -247,23 +247,22 @@ def unchecked(cls: type[T], **fields: Any) -> T:
 
 def check(obj: Any) -> None:
     """Convert parameters to numbers; an ``InvalidInput`` for a field that breaks its rule."""
-    owner = type(obj).__name__
     for field in dataclasses.fields(obj):
         spec, value = field.metadata.get(_SPEC), getattr(obj, field.name)
         if each := field.metadata.get("each"):
-            value = _checks.as_tuple(owner, field.name, value)
+            value = _checks.as_tuple(field.name, value)
             object.__setattr__(obj, field.name, value)
         if isinstance(spec, Parameter):
             as_number = _checks.count if spec.whole else number if spec.single else real
-            numbers = tuple(as_number(owner, *entry) for entry in _entries(field, value))
+            numbers = tuple(as_number(*entry) for entry in _entries(field, value))
             if each or numbers:
                 object.__setattr__(obj, field.name, numbers if each else numbers[0])
         elif kinds := field.metadata.get("kinds"):
             for name, item in _entries(field, value):
-                instance(owner, name, item, *kinds)
+                instance(name, item, *kinds)
                 if field.metadata["traced"]:
-                    pytree(owner, name, item)
-    enforce(owner, _rules_of(obj, ""))
+                    pytree(name, item)
+    enforce(_rules_of(obj, ""))
 
 
 class Batch:
@@ -272,7 +271,7 @@ class Batch:
     def __post_init__(self) -> None:
         check(self)
         numbers = {name: value for name, _, value in walk(self, Parameter)}
-        _checks.require_batch(type(self).__name__, **numbers)
+        _checks.require_batch(**numbers)
 
 
 class BatchInSI(Batch):
@@ -280,7 +279,7 @@ class BatchInSI(Batch):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        enforce(type(self).__name__, ranges(self))
+        enforce(ranges(self))
 
 
 def ranges(tree: Any, prefix: str = "") -> list[Rule]:

@@ -6,10 +6,10 @@ import operator
 from dataclasses import replace
 from functools import partial
 from itertools import chain
-from typing import Any
+from typing import Any, ClassVar
 
-from jaxpound._checks import enforce, instance, is_traced, positive_number
-from jaxpound._errors import warn
+from jaxpound._checks import enforce, instance, is_traced, is_whole, positive_number
+from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import parameter, part, pytree_dataclass, ranges, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.plausibility import FRICTION, GAP, doubts
@@ -18,7 +18,7 @@ from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
 from jaxpound.model.system import System, as_tuple, is_closable
 from jaxpound.model.topology import GROUND
 from jaxpound.model.vibration import Modes, modes
-from jaxpound.quantities import STANDARD_GRAVITY
+from jaxpound.quantities import SI, STANDARD_GRAVITY
 from jaxpound.units import Scales, law_in_other_units
 
 _LAWS = ("contact", "damper", "velocity_friction", "inerter")  # of a link, all with units
@@ -69,35 +69,34 @@ class Buildings:
     buildings: tuple[Building | ShearBuilding, ...] = part(Building, ShearBuilding, each=True)
     links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
     gravity: Any = parameter("g", "acceleration", above=0, single=True, default=STANDARD_GRAVITY)
+    units: ClassVar = SI
 
     def __post_init__(self) -> None:
-        self._check("Buildings")
-        warn("Buildings", self.doubts, strict=False)
+        self._check()
+        warn(self.doubts, strict=False)
 
     @classmethod
-    def of(
-        cls, owner: str, buildings: Any, links: Any = (), gravity: Any = STANDARD_GRAVITY
-    ) -> Buildings:
-        """Buildings for the function ``owner``, which errors name and which itself warns."""
+    def of(cls, buildings: Any, links: Any = (), gravity: Any = STANDARD_GRAVITY) -> Buildings:
+        """Buildings of a function, which errors name and which itself warns."""
         self = unchecked(cls, buildings=buildings, links=links, gravity=gravity)
-        self._check(owner)
+        self._check()
         return self
 
-    def _check(self, owner: str) -> None:
-        (gravity,) = positive_number(owner, gravity=self.gravity)
-        buildings = as_tuple(owner, "buildings", self.buildings)
-        links = by_face(as_tuple(owner, "links", self.links))
+    def _check(self) -> None:
+        (gravity,) = positive_number(gravity=self.gravity)
+        buildings = as_tuple("buildings", self.buildings)
+        links = by_face(as_tuple("links", self.links))
         for i, building in enumerate(buildings):
-            instance(owner, f"buildings.{i}", building, ShearBuilding, Building)
+            instance(f"buildings.{i}", building, ShearBuilding, Building)
         for k, link in enumerate(links):
-            instance(owner, f"links.{k}", link, FloorLink)
+            instance(f"links.{k}", link, FloorLink)
             gaps = [GAP.of(f"links.{k}.gap", link.gap)] if is_closable(link.gap) else []
             friction = FRICTION.of(f"links.{k}.friction", link.friction)
             laws = [ranges(getattr(link, x), f"links.{k}.{x}.") for x in _LAWS]
-            enforce(owner, [friction, *gaps, *chain(*laws)])
+            enforce([friction, *gaps, *chain(*laws)])
         floors = [len(storeys_of(building)) for building in buildings]
-        require_floors(floors, links, LinkLabels(owner))
-        require_heights(buildings, links, LinkLabels(owner))
+        require_floors(floors, links, LinkLabels())
+        require_heights(buildings, links, LinkLabels())
         for name, value in (("buildings", buildings), ("links", links), ("gravity", gravity)):
             object.__setattr__(self, name, value)
 
@@ -123,10 +122,19 @@ class Buildings:
         These lead to another of its floors or to the ground. ``jp.modes`` has those of all
         buildings together.
         """
+        n = len(self.buildings)
+        if not (is_whole(building) and 0 <= building < n):
+            rule = f"must be the number of one of the {n} buildings, from 0"
+            raise InvalidInput("building", repr(building), rule)
         own = (building, GROUND)
         links = (x for x in self.links if x.building == building and x.other_building in own)
         devices = tuple(
-            replace(x, building=0, next_building=min(x.other_building, 0))  # or GROUND, < 0
+            replace(
+                x,
+                building=0,
+                next_building=min(x.other_building, 0),  # or GROUND, < 0
+                damper=x.damper and replace(x.damper, ends=None),
+            )
             for x in links
             if x.damper or x.inerter
         )
@@ -153,8 +161,7 @@ class Buildings:
         0.1
         """
         scales, links = self.scales, list[FloorLink]()
-        owner, convert = "Buildings.dimensionless", operator.truediv
-        law_in_units = partial(law_in_other_units, owner, scales=scales, convert=convert)
+        law_in_units = partial(law_in_other_units, scales=scales, convert=operator.truediv)
         for k, link in enumerate(self.links):
             laws = {x: law_in_units(f"links.{k}.{x}", getattr(link, x)) for x in _LAWS}
             friction, gap = link.friction / scales.force, link.gap / scales.length

@@ -34,19 +34,19 @@ class TimeGrid:
         dt, n = self.dt, self.n_steps
         if is_traced((dt, n)):
             rule = "shape the program and cannot be traced"
-            raise InvalidInput("TimeGrid", "dt and n_steps", "", rule)
-        dt = number("TimeGrid", "dt", dt)
-        number("TimeGrid", "n_steps", n)
+            raise InvalidInput("dt and n_steps", "", rule)
+        dt = number("dt", dt)
+        number("n_steps", n)
         whole = Rule("n_steps", n, is_whole(n) and n >= 2, "a whole number, at least 2")
-        enforce("TimeGrid", [Rule("dt", dt, 0 < dt < np.inf, "positive and finite"), whole])
-        require_memory("TimeGrid", "n_steps", int(n), _STEP_BYTES * int(n))
+        enforce([Rule("dt", dt, 0 < dt < np.inf, "positive and finite"), whole])
+        require_memory("n_steps", int(n), _STEP_BYTES * int(n))
         object.__setattr__(self, "dt", float(dt))
         object.__setattr__(self, "n_steps", int(n))
 
     @classmethod
     def until(cls, duration: float, dt: float) -> TimeGrid:
         """The grid of step ``dt`` whose last instant is the first at or after ``duration``."""
-        positive("TimeGrid.until", duration=duration, dt=dt)
+        positive(duration=duration, dt=dt)
         return cls(dt, int(np.ceil(duration / dt * (1 - 1e-12))))
 
     @property

@@ -87,11 +87,10 @@ class Scales:
 
     def grid(self, duration: float, dt: float) -> TimeGrid:
         """The dimensionless time grid for a duration and a step in seconds, not traced."""
-        owner = "Scales.grid"
         if is_traced((self.frequency, duration, dt)):
-            raise ValueError(f"{owner}: a grid shapes the program and cannot be traced")
-        omega = float(number(owner, "frequency", self.frequency))
-        duration, dt = positive_number(owner, duration=duration, dt=dt)
+            raise InvalidInput("", "", "a grid shapes the program and cannot be traced")
+        omega = float(number("frequency", self.frequency))
+        duration, dt = positive_number(duration=duration, dt=dt)
         return TimeGrid.until(float(duration) * omega, float(dt) * omega)
 
     def buildings(self, structures: AdjacentStructures) -> tuple[Building, Building, Any, Any]:
@@ -99,7 +98,7 @@ class Scales:
 
         ``contact_to_si`` has the contact law.
         """
-        instance("Scales.buildings", "structures", structures, AdjacentStructures)
+        instance("structures", structures, AdjacentStructures)
         s, stiffness = structures, self.mass * self.frequency**2
         left = self.storey(s.rod_1, self.mass, stiffness)
         right = self.storey(s.rod_2, self.mass / s.mass_ratio, stiffness * s.stiffness_ratio)
@@ -117,8 +116,7 @@ class Scales:
         Raises ``ValueError`` for a law of one's own, whose numbers have no known dimensions:
         ``units`` has what to divide them by.
         """
-        owner = "Scales.contact_to_dimensionless"
-        return law_in_other_units(owner, "law", law, self, operator.truediv)
+        return law_in_other_units("law", law, self, operator.truediv)
 
     def contact_to_si(self, law: Law) -> Law:
         """The inverse of ``contact_to_dimensionless``, with its ``ValueError``.
@@ -130,18 +128,17 @@ class Scales:
         >>> f"{law.stiffness:.3g} N/m", law.restitution
         ('4.9e+09 N/m', 0.65)
         """
-        return law_in_other_units("Scales.contact_to_si", "law", law, self, operator.mul)
+        return law_in_other_units("law", law, self, operator.mul)
 
     def to_dimensionless(self, record: Timed) -> Timed:
         """A ground motion in g and seconds, fixed or random, as one in g and units of 1/ω1.
 
         Raises ``ValueError`` if it is in units of 1/ω1 already, or a part has no unit of time.
         """
-        owner = "Scales.to_dimensionless"
         if not callable(getattr(record, "dimensionless", None)) or isinstance(record, type):
-            instance(owner, "record", record, Record)
+            instance("record", record, Record)
         for part in record.parts() if isinstance(record, GroundMotion) else [record]:
-            require_seconds(f"{owner}: record", part)
+            require_seconds("record", part)
         return record.dimensionless(self.frequency)
 
     def to_si(self, result: Result) -> Result:
@@ -149,7 +146,7 @@ class Scales:
 
         Raises ``ValueError`` if it is in SI units already.
         """
-        instance("Scales.to_si", "result", result, Response, Demand)
+        instance("result", result, Response, Demand)
         if result.si:
             raise ValueError("to_si: result must be dimensionless, but is in SI units already")
         units = self.units
@@ -173,16 +170,16 @@ def result_units(structures: Structures) -> Scales | None:
 
 
 def law_in_other_units(
-    owner: str, name: str, law: Law, scales: Scales, convert: Callable[[Any, Any], Any]
+    name: str, law: Law, scales: Scales, convert: Callable[[Any, Any], Any]
 ) -> Law:
     """A law of a link, or a damper, with each parameter converted by the unit of its kind."""
     if not isinstance(law, Rod | VelocityFriction | Inerter):
-        instance(owner, name, law, ContactLaw, Newton, NoneType)
+        instance(name, law, ContactLaw, Newton, NoneType)
     if law is None:
         return law
     if with_known_units(law) is None:
         rule = "must be a law of this package: the units of a law of one's own are not known"
-        raise InvalidInput(owner, name, repr(law), rule)
+        raise InvalidInput(name, repr(law), rule)
     units, numbers = scales.units, walk(law, Parameter)
     changes = {path: convert(x, units[p.kind]) for path, p, x in numbers if p.kind}
     if isinstance(law, Rod):

@@ -15,6 +15,8 @@ from pathlib import Path
 # blocks for the next one, and do not wait for threads of linear algebra on the other's core.
 os.environ.setdefault("MALLOC_TOP_PAD_", str(2**28))
 os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(2**32))
+TUNABLES = "glibc.malloc.tcache_count=20000:glibc.malloc.hugetlb=1"  # together a twentieth
+os.environ.setdefault("GLIBC_TUNABLES", TUNABLES)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Lines of the code are not noted in programs.
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
@@ -70,7 +72,8 @@ nbmake.nb_run.NotebookClient = functools.partial(
 # programs, as smaller ones of other files have the same functions. A whole number may stand for a
 # float, as it may for mypy.
 CHECKED = tuple(Path(__file__).parent / wing for wing in ("_xla", "results", "simulation"))
-LARGE = ("contact", "dampers", "divergence", "faces", "impacts", "inerters", "rows", "weights")
+LARGE = ("contact", "dampers", "divergence", "faces", "impacts", "inerters", "plans", "rows")
+LARGE += ("systems", "weights")
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
 jaxtyping.install_import_hook([f"jaxpound.{path.name}" for path in CHECKED], CHECKER)
 from jaxpound._checks import machine_memory  # noqa: E402

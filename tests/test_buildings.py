@@ -221,6 +221,40 @@ def test_runs_of_a_suite_are_those_of_the_dimensionless_form():
     assert "required gap (m)" in str(stripes)
 
 
+def test_modes_of_one_building_have_its_dampers_and_those_of_all_are_of_the_system():
+    damper = jp.Rod(jp.ZenerRod(0.5, 0.1, 0.4), 5e6)
+    braced = jp.FloorLink(1, 0, damper=damper, next_building=jp.GROUND)
+    stated = dataclasses.replace(braced, damper=dataclasses.replace(damper, ends=(1, jp.GROUND)))
+    for link in (braced, stated):
+        pair = jp.Buildings(PAIR.buildings, (link,))
+        alone, both = pair.modes(1), jp.modes(pair)
+        assert alone.damping_ratios[0] > PAIR.modes(1).damping_ratios[0] + 0.01
+        assert both.si
+        np.testing.assert_allclose(sorted(alone.periods)[-1], min(both.periods), rtol=1e-9)
+    for wrong in (-1, 2, "x", 0.0):
+        refused("^Buildings.modes: building = .* one of the 2 buildings, from 0", PAIR.modes, wrong)
+
+
+def test_contact_in_newtons_is_run_in_single_precision():
+    law = jp.KelvinVoigt(2e9, 0.6)
+    pair = jp.Buildings(PAIR.buildings, (jp.FloorLink(0, 0, gap=0.03, contact=law),))
+    ground, grid = jp.Ricker(0.1, 1.0, 2.0), jp.TimeGrid.until(8.0, dt=0.01)
+    double = jp.demand(pair, ground, grid)
+    halves = jax.tree.map(np.float32, (pair, ground))
+    with pytest.warns(jp.PlausibilityWarning, match="contact is run in float32"):
+        single = jp.demand(*halves, jp.TimeGrid.until(np.float32(8.0), dt=np.float32(0.01)))
+    assert single.soft_peak_contact.dtype == np.float32
+    assert single.soft_peak_contact == pytest.approx(float(double.soft_peak_contact), rel=1e-3)
+    assert single.soft_peak_contact >= single.peak_contact > 1e7
+
+
+def test_structures_know_their_units():
+    row, _ = PAIR.dimensionless()
+    assert (PAIR.units["force"], PAIR.units["length"]) == ("N", "m")
+    for structures in (row, row.system(), jp.paper.structures()):
+        assert (structures.units["force"], structures.units["length"]) == ("m1 g", "g/ω1²")
+
+
 def test_without_contact_structures_stay_what_they_are():
     for structures in (POUNDING, scaled(POUNDING)[0], POUNDING.system()):
         passing = without_contact(structures)
@@ -239,7 +273,7 @@ SEVERAL = r"Buildings\(\(left, right\), links\) makes"
 test_errors_name_the_argument = refusals(
     (jp.demand, PAIR, DIMENSIONLESS, GRID, "must be in seconds, as Buildings are"),
     (jp.demand, jp.paper.structures(), RECORD, GRID, OF_STRUCTURES),
-    (jp.Scenarios, PAIR, NOISE, "Scenarios: ground: .*must be in seconds"),
+    (jp.Scenarios, PAIR, NOISE, "Scenarios: ground = .*must be in seconds"),
 )
 test_buildings_name_the_argument = refusals(
     ((), (), r"buildings = \(\) must hold at least one"),

@@ -21,7 +21,7 @@ def test_extras_bring_what_they_say_and_broken_libraries_say_so(tmp_path, monkey
     monkeypatch.delitem(sys.modules, "pandas", raising=False)
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ModuleNotFoundError, match="what_pandas_needs"):
-        require("to_pandas", "pandas")
+        require("pandas")
 
 
 ALL = r"to_pandas needs pandas, which the extra 'tables' brings: pip install '\.\[tables\]'"

@@ -47,7 +47,7 @@ def test_rules_have_ends_and_are_named_by_their_paths_and_traced_to_flags():
     assert names[-2:] == ["weights.0", "weights.1"]
     assert all(rule.holds for rule in rules(FRAME))
     broken = jax.tree.unflatten(jax.tree.structure(FRAME), [-1.0] * len(jax.tree.leaves(FRAME)))
-    refused(r"^owner: here\.one\.order = -1 must be in", enforce, "owner", rules(broken, "here."))
+    refused(r"^enforce: here\.one\.order = -1 must be in", enforce, rules(broken, "here."))
     paths = [path for path, _, _ in walk(FRAME, Parameter)]
     assert [rule.name for rule in rules(FRAME)] == paths
 

@@ -57,7 +57,7 @@ def use_cores(n: int | None = None) -> int:
     """
     has_affinity = hasattr(os, "sched_getaffinity")
     cores = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
-    n = count("use_cores", "n", cores if n is None else n)
+    n = count("n", cores if n is None else n)
     try:
         jax.config.update("jax_num_cpu_devices", n)
         if jax.__version_info__ < (0, 12):
@@ -106,9 +106,9 @@ def in_chunks(function: Callable[..., T], chunk_size: int | None = None) -> Call
     [0.172, 0.26, 0.314]
     """
     if not callable(function):
-        raise InvalidInput("in_chunks", "function", repr(function), "must be a function")
+        raise InvalidInput("function", repr(function), "must be a function")
     if chunk_size is not None:
-        chunk_size = count("in_chunks", "chunk_size", chunk_size)
+        chunk_size = count("chunk_size", chunk_size)
     run = jax.jit(jax.vmap(function))
 
     def mapped(*args: Any) -> T:

@@ -33,9 +33,13 @@ def steps_of_block(
         steps = partial(_written_out, step, length, unit_of(zero))
         return recomputed(steps) if plan.block == "recomputed" else steps
     steps = partial(_in_loop, step, length, window, zero)
-    if short is None or not plan.shortcut:
+    if short is None or plan.shortcut == "none":
         return steps
-    return with_shortcut(steps, partial(_shorter, short, length))
+    if plan.shortcut == "loop":
+        shorter = partial(_in_loop, short, length, window, zero)
+    else:
+        shorter = partial(_in_arrays, partial(_written_out, short, length, None))
+    return with_shortcut(steps, partial(_tested, shorter))
 
 
 def scan_blocks(
@@ -84,10 +88,15 @@ def _written_out(
     return carry, [c[-length:] for c in windows], out
 
 
-def _shorter(step: Program, length: int, state: Any, ahead: Any, entries: Any) -> Any:
-    """The same of shorter steps, with the results in arrays, and whether any of them needs more."""
-    carry, windows, out = _written_out(step, length, None, state, ahead, entries)
-    results, needs_more = jax.tree.map(lambda *x: jnp.stack(x), *out)
+def _in_arrays(steps: Program, *args: Any) -> Any:
+    """Steps that are written out, with their results in arrays."""
+    carry, windows, out = steps(*args)
+    return carry, windows, jax.tree.map(lambda *x: jnp.stack(x), *out)
+
+
+def _tested(shorter: Program, *args: Any) -> Any:
+    """What shorter steps return, and whether any of them needs more."""
+    carry, windows, (results, needs_more) = shorter(*args)
     return (carry, windows, results), needs_more.any()
 
 

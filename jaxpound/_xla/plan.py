@@ -41,8 +41,9 @@ class Plan:
     segments: bool = False
     """Whether the blocks are in about √n segments, whose small results a CPU stores faster."""
 
-    shortcut: bool = False
-    """Whether batches of loops take the shortcut past the inner loops that no run needs."""
+    shortcut: Literal["none", "loop", "written out"] = "none"
+    """Whether batches of loops take the shortcut past the inner loops that no run needs; its steps
+    are a loop of their own, or written out."""
 
     recomputed_steps: bool = False
     """Whether reverse mode computes what is within a step anew, and keeps fewer numbers of it."""
@@ -58,14 +59,15 @@ Choice = Callable[[Work], Plan]
 
 
 def fast(work: Work, all_looped: bool = False) -> Plan:
-    """The plan that runs fast and compiles in seconds; all blocks may be loops."""
+    """The plan that runs fast and compiles in seconds; all steps may be in loops."""
     are_few, has_inner_loop = work.elements <= FEW, work.inner_loop != "never"
     is_looped = all_looped or work.elements > WRITTEN_OUT or work.laws == "long" or has_inner_loop
-    may_skip = work.inner_loop == "sometimes" and are_few and not work.series
+    is_for_batches = are_few and not work.series and jax.default_backend() == "cpu"
+    may_skip = work.inner_loop == "sometimes" and is_for_batches
     return Plan(
         block="loop" if is_looped else "written out" if work.laws == "none" else "recomputed",
         segments=work.series,
-        shortcut=may_skip and jax.default_backend() == "cpu",
+        shortcut="none" if not may_skip else "loop" if all_looped else "written out",
         recomputed_steps=has_inner_loop or (is_looped and work.laws != "none"),
         laws_in_arrays=work.laws == "long" and not are_few,
         peaks_in_arrays=has_inner_loop and not are_few,
@@ -73,7 +75,7 @@ def fast(work: Work, all_looped: bool = False) -> Plan:
 
 
 looped = partial(fast, all_looped=True)
-"""As ``fast``, with all blocks as loops: they compile sooner, and run longer."""
+"""As ``fast``, with all steps in loops: they compile sooner, and run longer."""
 
 
 def plain(work: Work) -> Plan:

@@ -15,7 +15,7 @@ from msgspec import Meta
 
 import jaxpound as jp
 from jaxpound.cli.isolation import IsolationSection, TunedMassSection, device_of
-from jaxpound.cli.reading import Section, Way, between, each, named, of_field, refused, says
+from jaxpound.cli.reading import Form, Section, between, each, named, of_field, refused, says
 from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
 from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
@@ -26,15 +26,17 @@ from jaxpound.model.shear_building import HEIGHT, TAPER, storeys_of
 from jaxpound.model.system import is_closable
 
 _MOST = 1000  # buildings or floors: more are a typing error
-_BY_PERIOD = Way(("mass", "period", "damping_ratio"), ("order", "tau_f", "height"))
-_BY_ROD = Way(("mass", "stiffness", "order", "tau_f", "tau_x"), ("height",))
-_UNIFORM = Way(("number", "mass", "period", "damping_ratio"), ("order", "tau_f", "taper", "height"))
-_LISTED = Way(("masses", "stiffnesses", "order", "tau_f", "tau_x"), ("heights", "tuned_masses"))
-_OF_BUILDING = (*map(Way, (("storeys",), ("published",))), _BY_PERIOD, _BY_ROD)
+_BY_PERIOD = Form(("mass", "period", "damping_ratio"), ("order", "tau_f", "height"))
+_BY_ROD = Form(("mass", "stiffness", "order", "tau_f", "tau_x"), ("height",))
+_UNIFORM = Form(
+    ("number", "mass", "period", "damping_ratio"), ("order", "tau_f", "taper", "height")
+)
+_LISTED = Form(("masses", "stiffnesses", "order", "tau_f", "tau_x"), ("heights", "tuned_masses"))
+_OF_BUILDING = (*map(Form, (("storeys",), ("published",))), _BY_PERIOD, _BY_ROD)
 OF_STOREYS = ("storeys", "published", "isolation", "tuned_mass")
-_FLOOR = Way(("building", "floor"), ("next_building", "next_floor"))
-_FLOORS = Way(("building", "floors"), ("next_building",))
-_COMMON = Way(("floors",), ("building",))  # "common" ones, of neighbours
+_FLOOR = Form(("building", "floor"), ("next_building", "next_floor"))
+_FLOORS = Form(("building", "floors"), ("next_building",))
+_COMMON = Form(("floors",), ("building",))  # "common" ones, of neighbours
 _BETWEEN = ("friction_force", "gap", "damper", "velocity_friction", "inerter")
 
 _Mass = Annotated[float, of_field(jp.Building, "mass")]
@@ -71,7 +73,7 @@ class StoreySection(Section):
     tuned_masses: _Number | None = None
 
     def __post_init__(self) -> None:
-        if self.require_way(_UNIFORM, _LISTED) is _UNIFORM:
+        if self.require_form(_UNIFORM, _LISTED) is _UNIFORM:
             for key in ("order", "tau_f"):
                 if isinstance(getattr(self, key), list):  # all storeys have one rod
                     raise ValueError(f"must not have a list of {key} with number")
@@ -105,7 +107,7 @@ class BuildingSection(YieldingSection):
     tuned_mass: TunedMassSection | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(*_OF_BUILDING)
+        self.require_form(*_OF_BUILDING)
         PERIOD.require("natural period", self.shear().natural_period)
         self.standing(0)
 
@@ -156,7 +158,7 @@ class LinkSection(Section):
     inerter: Inerter | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(*((_COMMON, _FLOOR) if self.floors == "common" else (_FLOOR, _FLOORS)))
+        self.require_form(*((_COMMON, _FLOOR) if self.floors == "common" else (_FLOOR, _FLOORS)))
         if self.next_building == "ground":
             self.refuse_any(("next_floor",), "must not be given with ground")
         if self.contact is not None:
@@ -213,11 +215,11 @@ class BuildingsLayout(NamedTuple):
             f"[[link]] {n}" if n else f"[[building]] {link.building + 1} {device_of(link)}"
             for n, link in by_table
         ]
-        labels = LinkLabels("", names.__getitem__, first=1)
+        labels = LinkLabels(names.__getitem__, " ", first=1)
         require_floors([len(building.storeys) for building in models], floor_links, labels)
         require_heights(models, floor_links, labels)
         bearings = tuple(building.isolation for building in buildings)
-        return cls(jp.Buildings.of("Buildings", models, floor_links), tables, bearings)
+        return cls(jp.Buildings.of(models, floor_links), tables, bearings)
 
     @property
     def shear_buildings(self) -> tuple[jp.ShearBuilding, ...]:

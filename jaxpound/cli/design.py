@@ -17,11 +17,12 @@ from jaxpound.cli.buildings import as_toml
 from jaxpound.cli.design_report import answer_of, summary, tables_of
 from jaxpound.cli.files import VERSION, kept_search, write_files, write_report
 from jaxpound.cli.parameters import Parameters, VariableBounds, design_space
-from jaxpound.cli.reading import Count, File, Section, Seed, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Range, Section, Seed, between, named, refused, says
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import Files, Gap, OfClass, read_records
 from jaxpound.design.problem import DesignProblem
 from jaxpound.reliability.result import RAREST
+from jaxpound.results.named import threshold_range
 
 _Temperature = Annotated[float, between(1e-9, 10, "m", "of the soft minimum of gaps")]
 _SHARE = '"worst", "mean" or a share'
@@ -66,6 +67,7 @@ class Weighted(Section):
 
 
 _BOUND = f"a number, {{at_most = ..., over = {_SHARE}}} or {{at_most = ..., probability = ...}}"
+_PENALTY = Range(0, 1e9, "", "metres of the goal for a unit of the demand")
 _AtMost = Annotated[float | AtMost, says(_BOUND)]
 _Weighted = Annotated[float | Weighted, says(f"a number, or {{weight = ..., over = {_SHARE}}}")]
 
@@ -162,14 +164,13 @@ def prepared(
     if constant and not any("gap" in name for name in config.variables):
         rule = "must be given with a gap at rest, such as link.1.gap, among the [variables]"
         raise refused(f"{file.name}: [objective] goal", rule, '"gap at rest"')
+    parameters, objective = Parameters(config.layout), objective_of(file.name, config)
+    space = design_space(f"{file.name}: [variables]", config.variables, parameters)
     recorded = _recorded(file, config.recorded, paths)
     ground, grid = config.shaking(file, recorded.values())
     with named(f"{file.name}: [search] earthquakes:"):
         scenarios = jp.Scenarios(config.buildings, ground)
         ensemble = jp.Ensemble.drawn(scenarios, config.search.earthquakes, config.search.seed)
-    parameters = Parameters(config.layout)
-    space = design_space(f"{file.name}: [variables]", config.variables, parameters)
-    objective = objective_of(file.name, config)
     with named(f"{file.name}:"):
         if recorded:
             ensemble = ensemble.including([*recorded.values()], grid)
@@ -197,7 +198,12 @@ def objective_of(name: str, config: DesignConfig) -> jp.Objective:
     by_demand: dict[str, dict[str, Any]] = {table: {} for table in kinds}
     for table, kind in kinds.items():
         for demand, x in getattr(config, table).items():
-            with named(f"{name}: [{table}] {demand}:"):
-                by_demand[table][demand] = kind(*([x] if isinstance(x, float) else astuple(x)))
+            place = f"{name}: [{table}] {demand}"
+            number, *more = [x] if isinstance(x, float) else astuple(x)
+            if number is not None:
+                within = threshold_range(demand) if table == "limits" else _PENALTY
+                within.require(place, number)
+            with named(f"{place}:"):
+                by_demand[table][demand] = kind(number, *more)
     with named(f"{name}: [objective]"):
         return jp.Objective(config.objective.model(), **by_demand)

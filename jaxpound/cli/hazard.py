@@ -12,7 +12,7 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._tables import TextTable
 from jaxpound.cli import files
-from jaxpound.cli.reading import Count, File, Numbers, Section, Way, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Form, Numbers, Section, between, named, refused, says
 from jaxpound.cli.tables import Gap
 from jaxpound.ground.measure import Measure, units_like
 from jaxpound.hazard.points import read_hazard
@@ -36,7 +36,7 @@ class HazardTable(Section):
     site: _Site | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(Way(("intensity", "annual_rate")), Way(("file",), ("site",)))
+        self.require_form(Form(("intensity", "annual_rate")), Form(("file",), ("site",)))
         self.refuse_any(("unit",), 'must be written in measure, such as measure = "PGA (g)"')
 
     def model(self, file: File) -> jp.HazardCurve:
@@ -58,7 +58,11 @@ class FragilityTable(Section):
 
     def __post_init__(self) -> None:
         curve = ("median", "dispersion")
-        self.require_way(Way(curve), Way((*curve, "median_error", "dispersion_error")))
+        self.require_form(Form(curve), Form((*curve, "median_error", "dispersion_error")))
+        for name in curve:
+            if (error := getattr(self, f"{name}_error") or 0.0) > (number := getattr(self, name)):
+                rule = f"must be at most the {name} itself, {number:g}"
+                raise refused(f"{name}_error", rule, f"{error:g}")
 
     def model(self) -> jp.study.Fragility:
         """The library's ``Fragility``, without data."""
@@ -108,7 +112,7 @@ class Lifetime(Section):
     results: LifetimeResults = LifetimeResults()
 
     def __post_init__(self) -> None:
-        self.require_way(Way(("fragility",)), Way(("study",)))
+        self.require_form(Form(("fragility",)), Form(("study",)))
 
 
 class LifetimeRisk(NamedTuple):
@@ -184,9 +188,8 @@ def combined(file: File, lifetime: Lifetime) -> LifetimeRisk:
     with named(of_study):
         shares = table.gap_probabilities or ()
         gaps = {p: hazard.required_gap(study, p, results.years, **options) for p in shares}
-    return LifetimeRisk(
-        hazard, fragility, rate, gaps, results, None if fragility else table.intensity
-    )
+    drawn = None if fragility else table.intensity
+    return LifetimeRisk(hazard, fragility, rate, gaps, results, drawn)
 
 
 def in_one_unit(

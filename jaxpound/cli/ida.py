@@ -12,11 +12,11 @@ import numpy as np
 import jaxpound as jp
 from jaxpound._errors import InvalidInput
 from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sentence, write_report
-from jaxpound.cli.reading import Count, File, Range, Section, Way, between, named, refused, says
+from jaxpound.cli.reading import Count, File, Form, Range, Section, between, named, refused, says
 from jaxpound.cli.structures import Structured
-from jaxpound.cli.tables import SampleInterval, Threshold
+from jaxpound.cli.tables import SampleInterval
 from jaxpound.hazard.ida import FRACTILES
-from jaxpound.results.named import demand_in_words
+from jaxpound.results.named import demand_in_words, threshold_range
 from jaxpound.simulation.time_steps import natural_periods, record_grid
 
 _Numbers = Annotated[list[float], says("a list of numbers", min_length=1)]
@@ -51,7 +51,7 @@ class TargetTable(Section):
     least: Annotated[float, between(1e-3, 10, "", "a share of the target")] | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(Way(("code",)), Way(("range",)))  # of periods
+        self.require_form(Form(("code",)), Form(("range",)))  # of periods
 
 
 class LadderTable(Section):
@@ -61,12 +61,14 @@ class LadderTable(Section):
     measure: Literal["pga", "sa"] = "pga"
     period: Annotated[float, between(1e-3, 60, "s", "for models and for towers")] | None = None
     demand: str = "required_gap"
-    threshold: Threshold | None = None
+    threshold: float | None = None
     refine: Literal["bisection", "newton"] = "bisection"
 
     def __post_init__(self) -> None:
         if self.period is not None and self.measure != "sa":
             raise refused("period", 'must be given with measure = "sa" only')
+        if self.threshold is not None:
+            threshold_range(self.demand).require("threshold", self.threshold)
 
 
 class IdaConfig(Structured, kw_only=True):
@@ -126,9 +128,8 @@ def records(
         periods = natural_periods(config.buildings)
         span: Any = _RANGES[to.code](*periods) if to.code else to.range
         target = jp.ground.TargetSpectrum(to.periods, to.accelerations, to.damping)
-        scaled = suite.scaled_to(
-            target, span, to.factors, best=to.best, least=to.least, strict=strict
-        )
+        chosen: Any = {"best": to.best, "least": to.least}
+        scaled = suite.scaled_to(target, span, to.factors, **chosen, strict=strict)
     return scaled.suite, scaled
 
 
@@ -142,7 +143,7 @@ def analysed(
     """The analysis of the buildings under these records."""
     ladder, run, buildings = config.ida, config.run, config.buildings
     options = run.scheme, [*suite], run.duration, run.dt
-    grid = record_grid(f"{file.name}: [run]", buildings, *options)
+    grid = record_grid(buildings, *options, place=f"{file.name}: [run]")
     period = ladder.period or max(natural_periods(buildings))
     with named(f"{file.name}: [ida]"):
         analysis = jp.Analysis(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import jaxpound as jp
-from jaxpound.cli.reading import Section, Way, between, named, of_field, refused
+from jaxpound.cli.reading import Form, Section, between, named, of_field, refused
 from jaxpound.cli.tables import ContactSection, Gaps, OfClass, of_faces
 from jaxpound.model.isolation import RATE
 from jaxpound.model.row import by_face
@@ -14,6 +14,8 @@ from jaxpound.model.shear_building import HEIGHT
 
 _Share = between(1e-4, 10, "", "of the modal mass; 0.05 is usual")
 _Ultimate = Annotated[float, of_field(jp.Bilinear, "ultimate_displacement")]
+
+_YieldDisplacement = Annotated[float, of_field(jp.LeadRubber, "yield_displacement")]
 
 
 class WallSection(Section):
@@ -38,9 +40,7 @@ class IsolationSection(OfClass):
     rate: Annotated[float, between(*RATE)] | None = None
     period: Annotated[float, of_field(jp.LeadRubber, "period")] | None = None
     strength: Annotated[float, of_field(jp.LeadRubber, "strength")] | None = None
-    yield_displacement: Annotated[float, of_field(jp.LeadRubber, "yield_displacement")] | None = (
-        None
-    )
+    yield_displacement: _YieldDisplacement | None = None
     ultimate_displacement: _Ultimate | None = None
     height: Annotated[float, between(*HEIGHT)] = 0.5
     wall: WallSection | None = None
@@ -72,7 +72,8 @@ class TunedMassSection(Section):
     damping_ratio: Annotated[float, between(1e-6, 1, "", "of the critical damping")] | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(Way(("mass_ratio",)), Way(("inertance_ratio",), ("mass_ratio", "floor")))
+        of_inerter = Form(("inertance_ratio",), ("mass_ratio", "floor"))
+        self.require_form(Form(("mass_ratio",)), of_inerter)
 
     def on(
         self, building: jp.ShearBuilding, number: int

@@ -188,7 +188,7 @@ def uncertain_structures(
         warnings.simplefilter("always", jp.PlausibilityWarning)
         uncertain = jp.UncertainStructures(parameters.buildings, multiples, correlation)
     said = [by_key(str(x.message), keys).partition(": ")[2] for x in doubts]
-    warn("configuration", [f"{place} {x}" for x in said], strict=False)
+    warn([f"{place} {x}" for x in said])
     return uncertain
 
 

@@ -18,13 +18,12 @@ from jaxpound._errors import warn
 from jaxpound._tables import TextTable
 from jaxpound.cli.files import VERSION, csv_text, kept_search, write_report
 from jaxpound.cli.parameters import Parameters, Uncertain, by_path
-from jaxpound.cli.reading import Count, File, Section, Seed, Way, between, named, refused, says
-from jaxpound.cli.tables import Threshold
+from jaxpound.cli.reading import Count, File, Form, Section, Seed, between, named, refused, says
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.parameters import get
 from jaxpound.reliability.run import choice, require_smooth
 from jaxpound.reliability.target import WITHOUT_JUMPS
-from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, unit_of
+from jaxpound.results.named import REQUIRED_GAP, demand_in_words, in_words, threshold_range, unit_of
 from jaxpound.scenarios.scenarios import grounds_at
 
 _Thresholds = says("a list of two numbers or more, each above 0", min_length=2)
@@ -35,13 +34,18 @@ _OF_STEP = ("value", "probability", "cov", "slope_of_ln_probability", "slope_err
 class LimitTable(Section):
     """The event: that links close by a gap, or that a demand reaches a threshold."""
 
-    gap: Threshold | None = None
+    gap: float | None = None
     demand: str | None = None
-    threshold: Threshold | None = None
-    thresholds: Annotated[list[Threshold], _Thresholds] | None = None
+    threshold: float | None = None
+    thresholds: Annotated[list[float], _Thresholds] | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(Way((), ("gap",)), Way(("demand", "threshold")))
+        self.require_form(Form((), ("gap",)), Form(("demand", "threshold")))
+        within = threshold_range(self.demand_name)
+        if self.lowest_threshold is not None:
+            within.require("gap" if self.demand is None else "threshold", self.lowest_threshold)
+        for threshold in self.thresholds or ():
+            within.require("thresholds", threshold)
 
     @property
     def demand_name(self) -> str:
@@ -117,11 +121,11 @@ def run(args: argparse.Namespace) -> None:
         choice(state, config.search.method)  # before a folder is made
     if path:
         with named(f"{file.name}: [design]"):
-            require_smooth("reach_probability", state, WITHOUT_JUMPS)
+            require_smooth(state, WITHOUT_JUMPS)
     size = first_of(_CHECKED, state.grid), state.dimension
     z = jax.random.normal(jax.random.key(config.search.seed), size)
     grounds = grounds_at(state.scenarios, state.grid)(z)
-    warn("rare", of_many(grounds, state.grid, in_g=True), args.strict)
+    warn(of_many(grounds, state.grid, in_g=True), args.strict)
     with kept_search(args, "store", "", file.text.encode()):
         result = searched(file, config, state, args.store)
         if config.design is not None:

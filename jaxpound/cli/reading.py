@@ -63,26 +63,26 @@ class Section(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             if getattr(self, key) is None:
                 raise ValueError(f"lacks the key {key!r}{why}")
 
-    def require_way(self, *ways: Way) -> Way:
-        """The way in which the table is stated, which has most of its keys.
+    def require_form(self, *forms: Form) -> Form:
+        """The form of the table: of those it may have, that which has most of its keys.
 
-        A ``ValueError`` for a key of another way, or one that this needs and is left out.
+        A ``ValueError`` for a key of another form, or for one that this needs and lacks.
         """
-        stated = [key for key in self.stated() if any(key in way.keys for way in ways)]
-        known = [len({*stated} & {*way.keys}) for way in ways]
-        nearest = [way for way, n in zip(ways, known, strict=True) if n == max(known)]
-        way = nearest[0]
+        stated = [key for key in self.stated() if any(key in form.keys for form in forms)]
+        known = [len({*stated} & {*form.keys}) for form in forms]
+        nearest = [form for form, n in zip(forms, known, strict=True) if n == max(known)]
+        form = nearest[0]
         for key in stated:
-            if key not in way.keys:
-                others = ", or ".join(str(x) for x in ways if x is way or key in x.keys)
+            if key not in form.keys:
+                others = ", or ".join(str(x) for x in forms if x is form or key in x.keys)
                 raise ValueError(f"must not have {key} here; give {others}")
-        if missing := [key for key in way.needed if key not in stated]:
+        if missing := [key for key in form.needed if key not in stated]:
             give = ", or ".join(map(str, nearest))
             raise ValueError(f"lacks {', '.join(missing)}; give {give}")
-        return way
+        return form
 
 
-class Way(NamedTuple):
+class Form(NamedTuple):
     """Keys that state a table: those that are needed, and those that may be given with them."""
 
     needed: tuple[str, ...]
@@ -100,7 +100,7 @@ class Way(NamedTuple):
 
 def refused(key: str, rule: str, value: str = "") -> InvalidInput:
     """The error for a key of a table, or for its value as it is printed."""
-    return InvalidInput("", key, value, rule)
+    return InvalidInput(key, value, rule)
 
 
 def between(low: float, high: float, unit: str = "", why: str = "") -> msgspec.Meta:

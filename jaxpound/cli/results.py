@@ -174,9 +174,7 @@ def lines(results: dict[str, Any]) -> list[str]:
         shares |= {"rods": shares["rods"] - viscous, "viscous dampers": viscous}
     if laws := [link["contact"] for link in links if link["contact"]]:
         shares["contact"] = sum(law["contact_work_J"] for law in laws)
-    total = results["input_energy_J"]
-    parts = ", ".join(
-        f"{name} {x:.4g} J ({x / total if total else 0:.0%})" for name, x in shares.items()
-    )
+    total = results["input_energy_J"] or float("inf")
+    parts = ", ".join(f"{name} {x:.4g} J ({x / total:.0%})" for name, x in shares.items())
     residual = f"residual {results['energy_residual_over_input']:.1e} of the input"
-    return [*texts, f"energy input {total:.4g} J: {parts}; {residual}"]
+    return [*texts, f"energy input {results['input_energy_J']:.4g} J: {parts}; {residual}"]

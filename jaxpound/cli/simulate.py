@@ -128,7 +128,7 @@ def respond(
     """The run in SI units, as the library makes it of these buildings."""
     run, buildings = configuration.run, configuration.buildings
     options = run.scheme, [record], run.duration, run.dt, strict
-    grid = record_grid(f"{file.name}: [run]", buildings, *options)
+    grid = record_grid(buildings, *options, place=f"{file.name}: [run]")
     with named(f"{file.name}:"):
         return jp.simulate(buildings, record, grid, run.scheme, strict=strict)
 

@@ -10,15 +10,15 @@ import jaxpound as jp
 from jaxpound._errors import warn
 from jaxpound.cli import buildings
 from jaxpound.cli.buildings import OF_STOREYS, BuildingSection, BuildingsLayout, LinkSection
-from jaxpound.cli.reading import File, Range, Section, Way, named, refused
+from jaxpound.cli.reading import File, Form, Range, Section, named, refused
 from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, read_records
 from jaxpound.model.places import link_places
 from jaxpound.scenarios.ground_draw import GroundDraw
 from jaxpound.simulation.scheme import require_local_flow
 from jaxpound.simulation.time_steps import record_grid
 
-_ROW = Way(("building",), ("link",))
-_PAIR = Way(("gap", "building_1", "building_2", "damper"), ("contact",))
+_ROW = Form(("building",), ("link",))
+_PAIR = Form(("gap", "building_1", "building_2", "damper"), ("contact",))
 
 
 class Structured(Section, dict=True):
@@ -45,12 +45,12 @@ class Structured(Section, dict=True):
         for place, number in zip(link_places(system.topology), self.layout.tables, strict=True):
             link = f"[[link]] {number} ({place}): " if self.link else ""  # a pair has one
             findings = [x.replace(f"link {place}: ", link) if number else x for x in findings]
-        warn("configuration", findings)
+        warn(findings)
 
     @cached_property
     def layout(self) -> BuildingsLayout:
         """The buildings and what is between them; a pair is a row of two."""
-        if self.require_way(_ROW, _PAIR) is _ROW:
+        if self.require_form(_ROW, _PAIR) is _ROW:
             if not self.building:
                 raise ValueError("the top level lacks a table [[building]]")
             return BuildingsLayout.of(self.building, self.link or [])
@@ -85,10 +85,8 @@ class Shaken(Structured, kw_only=True):
         if run.duration is None and not shapes:
             raise ValueError(f"{file.name}: [run] lacks the key 'duration'")
         steps = self.buildings, run.scheme, shapes, run.duration, run.dt
-        grid = record_grid(f"{file.name}: [run]", *steps)
+        grid = record_grid(*steps, place=f"{file.name}: [run]")
         if table.arrivals:
-            within = Range(
-                0.0, run.duration or grid.duration, "s", "the run, so that every wavelet shakes"
-            )
-            table.arrivals.require(f"{place} arrivals", within)
+            whole, why = run.duration or grid.duration, "the run, so that every wavelet shakes"
+            table.arrivals.require(f"{place} arrivals", Range(0.0, whole, "s", why))
         return ground, grid

@@ -14,7 +14,17 @@ from msgspec import Meta
 
 import jaxpound as jp
 from jaxpound.cli import reading
-from jaxpound.cli.reading import Count, Range, Section, Way, between, named, of_field, refused, says
+from jaxpound.cli.reading import (
+    Count,
+    Form,
+    Range,
+    Section,
+    between,
+    named,
+    of_field,
+    refused,
+    says,
+)
 from jaxpound.model.plausibility import FRICTION, GAP
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
 from jaxpound.scenarios.ground_draw import GroundDraw
@@ -26,7 +36,6 @@ _Face = Annotated[float, between(0, math.inf, "m", "infinite on a side where not
 _Faces = Annotated[list[_Face], Meta(min_length=2, max_length=2)]
 Gaps = Annotated[Gap | _Faces, says(_FACES, GAP, alone=Gap)]
 Friction = Annotated[float, between(*FRICTION)]
-Threshold = Annotated[float, between(1e-9, 1e15, "", "of a demand, in SI units")]
 SampleInterval = Annotated[float, between(1e-6, 10, "s", "a sample interval")]
 
 
@@ -255,10 +264,10 @@ _OF_NOISE = "a standard deviation in g, or its distribution, {lognormal = [media
 _Strength = Annotated[float, between(1e-6, *_STRENGTH[1:])]  # a run needs shaking
 _Acceleration = Annotated[_Strength | DistributionSpec, says(_OF_NOISE, _STRENGTH, _Strength)]
 _SAMPLES_IN_A_PERIOD = 20
-_GAMMA, _PLATEAU = Way(("peak", "power")), Way(("rise", "end", "decay"))
-_WAVELETS = Way(("wavelets", "amplitude", "periods", "arrivals"), ("negative", "intensity"))
-_RECORDS = Way(("records",), ("units", "factor", "weights"))
-_NOISE = Way(
+_GAMMA, _PLATEAU = Form(("peak", "power")), Form(("rise", "end", "decay"))
+_WAVELETS = Form(("wavelets", "amplitude", "periods", "arrivals"), ("negative", "intensity"))
+_RECORDS = Form(("records",), ("units", "factor", "weights"))
+_NOISE = Form(
     ("filter", "frequency", "damping", "acceleration", "duration"),
     ("high_pass", "high_pass_damping", "dt", "envelope"),
 )
@@ -274,7 +283,7 @@ class EnvelopeTable(Section):
     decay: Annotated[float, between(1e-3, 1e3, "1/s", "of the exponential decay")] | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(_GAMMA, _PLATEAU)
+        self.require_form(_GAMMA, _PLATEAU)
         self.model()
 
     def model(self) -> jp.GammaEnvelope | jp.ground.PlateauEnvelope:
@@ -310,7 +319,7 @@ class Earthquakes(Section):
     envelope: EnvelopeTable | None = None
 
     def __post_init__(self) -> None:
-        self.require_way(_WAVELETS, _RECORDS, _NOISE)
+        self.require_form(_WAVELETS, _RECORDS, _NOISE)
         for key, allowed in reading.ranges(Earthquakes).items():
             if isinstance(distribution := getattr(self, key), DistributionSpec):
                 distribution.require(key, allowed)
@@ -354,9 +363,8 @@ class Earthquakes(Section):
         filter: Any = jp.KanaiTajimi(*ground)
         if self.high_pass is not None:
             share = {"high_pass_damping": self.high_pass_damping} if self.high_pass_damping else {}
-            filter = jp.ground.CloughPenzien(
-                *ground, high_pass=2 * math.pi * self.high_pass, **share
-            )
+            corner = 2 * math.pi * self.high_pass
+            filter = jp.ground.CloughPenzien(*ground, high_pass=corner, **share)
         dt = self.dt or 1 / (_SAMPLES_IN_A_PERIOD * table.frequency)
         strength = table.acceleration
         return jp.FilteredNoise(

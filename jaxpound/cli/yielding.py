@@ -87,7 +87,7 @@ def keys_of(storeys: Sequence[jp.Building]) -> dict[str, list[Any]]:
     names = [name for law in laws for name, kind in _LAWS.items() if type(law) is kind]
     if len(names) < len(laws):
         rule = f"must be by a law of a file, {' or '.join(_LAWS)}"
-        raise jp.InvalidInput("Buildings", "hysteresis", "", rule)
+        raise jp.InvalidInput("hysteresis", "", rule, owner="Buildings")
     if {*names} == {"elastic"}:
         return {}
     numbers: dict[str, list[Any]] = {}

@@ -132,22 +132,21 @@ def calibrate(
     confidence
         Confidence level of the intervals.
     """
-    owner = "calibrate"
-    instance(owner, "space", space, DesignSpace)
-    instance(owner, "grid", grid, TimeGrid)
-    instance(owner, "scheme", scheme, Scheme)
-    system = single_system(owner, space.nominal)
-    data = _data(owner, measured, grid, measurables(system))
+    instance("space", space, DesignSpace)
+    instance("grid", grid, TimeGrid)
+    instance("scheme", scheme, Scheme)
+    system = single_system(space.nominal)
+    data = _data(measured, grid, measurables(system))
     require_time_unit("ground", ground, si=in_si(space.nominal))
     shaking = as_pytree(ground, grid)
     if strict:  # before the time for the fit is spent
-        warn(owner, unseen(ground, grid, strict=strict) + imprecise(system, grid, shaking), strict)
+        warn(unseen(ground, grid, strict=strict) + imprecise(system, grid, shaking), strict)
 
     def run(structures: Any, last: bool = False) -> Response:
         return simulate(structures, shaking, grid, scheme, strict=strict and last)
 
     options = data, noise, start, starts, confidence
-    return _calibrated(owner, space, run, partial(_series, data=data), *options)
+    return _calibrated(space, run, partial(_series, data=data), *options)
 
 
 def calibrate_cyclic(
@@ -180,14 +179,13 @@ def calibrate_cyclic(
     >>> round(jp.calibrate_cyclic(space, history, measured).structures.rods[0].stiffness, 4)
     5.0
     """
-    owner = "calibrate_cyclic"
-    instance(owner, "space", space, DesignSpace)
+    instance("space", space, DesignSpace)
     if not (_checks.is_whole(rod) and 0 <= rod < len(space.nominal.system().rods)):
-        raise InvalidInput(owner, "rod", repr(rod), "must be the number of a rod")
-    x, force = np.asarray(displacements), _measured(owner, "forces", forces)
+        raise InvalidInput("rod", repr(rod), "must be the number of a rod")
+    x, force = np.asarray(displacements), _measured("forces", forces)
     if force.shape != x.shape:
         rule = f"of shape {force.shape} must be {x.shape}, as displacements"
-        raise InvalidInput(owner, "forces", "", rule)
+        raise InvalidInput("forces", "", rule)
 
     def run(structures: Any, last: bool = False) -> CyclicTest:
         tested = structures.system().rods[rod]
@@ -196,11 +194,10 @@ def calibrate_cyclic(
 
     run(space.nominal)  # refuses what is wrong
     options = {"force": force}, noise, start, starts, confidence
-    return _calibrated(owner, space, run, lambda x: {"force": x.force}, *options)
+    return _calibrated(space, run, lambda x: {"force": x.force}, *options)
 
 
 def _calibrated(
-    owner: str,
     space: DesignSpace,
     run: Callable[..., Any],
     series: Callable[[Any], dict[str, jax.Array]],
@@ -211,16 +208,16 @@ def _calibrated(
     confidence: float,
 ) -> Calibration:
     """The parameters of a space by whose runs the series fit the data best."""
-    _checks.require_share(owner, "confidence", confidence)
-    weights = _weights(owner, data, noise)
+    _checks.require_share("confidence", confidence)
+    weights = _weights(data, noise)
     n, d = sum(int(np.isfinite(x).sum()) for x in data.values()), space.dimension
-    enforce(owner, [Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
+    enforce([Rule("measured", n, n > d, f"more numbers than the {d} parameters")])
     residual, fit = _least_squares(lambda shares: series(run(space.structures(shares))), data)
-    first = start_shares(owner, space, start)
-    spread = spread_shares(first, _checks.count(owner, "starts", starts), key=0)
+    first = start_shares(space, start)
+    spread = spread_shares(first, _checks.count("starts", starts), key=0)
     fits = [fit(x, weights) for x in spread if np.isfinite(residual(x, weights)).all()]
     if not fits:
-        raise InvalidInput(owner, "", "", f"no start of {starts} gives a finite response")
+        raise InvalidInput("", "", f"no start of {starts} gives a finite response")
     best = min(fits, key=lambda x: x.cost)
     if noise is None:  # by the standard deviations of each series' residuals
         ends = np.cumsum([x.size for x in data.values()])[:-1]
@@ -229,7 +226,7 @@ def _calibrated(
         best = fit(best.x, weights)
         fits.append(best)
     shares = np.asarray(best.x)
-    estimates = _estimates(owner, space, best, n, noise is not None, confidence)
+    estimates = _estimates(space, best, n, noise is not None, confidence)
     structures = jax.tree.map(float, space.structures(jnp.asarray(shares)))
     response = run(structures, True)
     simulated = series(response)
@@ -293,12 +290,10 @@ def _series(response: Response, data: Mapping[str, np.ndarray]) -> dict[str, jax
     return series
 
 
-def _data(
-    owner: str, measured: Any, grid: TimeGrid, measurable: Collection[str]
-) -> dict[str, np.ndarray]:
-    instance(owner, "measured", measured, Mapping)
+def _data(measured: Any, grid: TimeGrid, measurable: Collection[str]) -> dict[str, np.ndarray]:
+    instance("measured", measured, Mapping)
     if not measured:
-        raise InvalidInput(owner, "measured", "{}", "must hold a series")
+        raise InvalidInput("measured", "{}", "must hold a series")
     data = {}
     for name, values in measured.items():
         place = f"measured[{name!r}]"
@@ -306,46 +301,46 @@ def _data(
             rule = f"must be one of {', '.join(measurable)}"
             if str(name).startswith("impacts") and not any("." in x for x in measurable):
                 rule = "must not be given for structures without a law of contact"
-            raise InvalidInput(owner, place, "", rule)
-        x = _measured(owner, place, values)
+            raise InvalidInput(place, "", rule)
+        x = _measured(place, values)
         most, n = min(MOST, grid.n_steps), grid.n_steps + 1
         if "." in name:
             right, rule = x.ndim == 1 and 1 <= x.size <= most, f"(m,), m impacts from 1 to {most}"
         else:
             right, rule = x.shape == (n,), f"({n},), a number for every instant of the grid"
         if not right:
-            raise InvalidInput(owner, place, "", f"of shape {x.shape} must be {rule}")
+            raise InvalidInput(place, "", f"of shape {x.shape} must be {rule}")
         data[name] = x
     return data
 
 
-def _measured(owner: str, place: str, values: Any) -> np.ndarray:
-    x = np.asarray(_checks.real(owner, place, values), float)
-    enforce(owner, [Rule(place, x, ~np.isinf(x), "finite, or NaN for no number")])
+def _measured(place: str, values: Any) -> np.ndarray:
+    x = np.asarray(_checks.real(place, values), float)
+    enforce([Rule(place, x, ~np.isinf(x), "finite, or NaN for no number")])
     return x
 
 
-def _weights(owner: str, data: Mapping[str, np.ndarray], noise: Any) -> dict[str, float]:
+def _weights(data: Mapping[str, np.ndarray], noise: Any) -> dict[str, float]:
     if noise is None:
         sizes = {name: float(np.sqrt(np.nanmean(x**2))) for name, x in data.items()}
         return {name: size if size > 0 else 1.0 for name, size in sizes.items()}
-    instance(owner, "noise", noise, Mapping)
+    instance("noise", noise, Mapping)
     for name in data:
         if name not in noise:
-            raise InvalidInput(owner, "noise", "", f"lacks {name!r}, which was measured")
-        _checks.positive_number(owner, **{f"noise[{name!r}]": noise[name]})
+            raise InvalidInput("noise", "", f"lacks {name!r}, which was measured")
+        _checks.positive_number(**{f"noise[{name!r}]": noise[name]})
     return {name: float(noise[name]) for name in data}
 
 
 def _estimates(
-    owner: str, space: DesignSpace, fit: Any, n: int, noise_is_set: bool, confidence: float
+    space: DesignSpace, fit: Any, n: int, noise_is_set: bool, confidence: float
 ) -> tuple[dict[str, Estimate], np.ndarray]:
     """Values with intervals, and their correlation, from the Jacobian at the fit."""
     from scipy import stats
 
     d, shares = space.dimension, jnp.asarray(fit.x)
     if np.linalg.matrix_rank(fit.jac) < d:
-        raise InvalidInput(owner, "measured", "", f"must determine all of {', '.join(space.names)}")
+        raise InvalidInput("measured", "", f"must determine all of {', '.join(space.names)}")
     spread = 1.0 if noise_is_set else 2 * fit.cost / (n - d)
     by_shares = jax.jacfwd(space.values)(shares)
     slopes = np.array([by_shares[name] for name in space.names])

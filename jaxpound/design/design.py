@@ -63,9 +63,9 @@ class Comparison(Shown):
         """Mean of after − before of a column, by default the goal's, with Student's interval."""
         from scipy import stats  # only here: it takes a second to import
 
-        require_share("difference", "confidence", confidence)
+        require_share("confidence", confidence)
         name = self.objective_function.demand if name is None else name
-        require_one_of("difference", name, self.before)
+        require_one_of(name, self.before)
         d = self.after[name] - self.before[name]
         mean, half_width = float(np.mean(d)), np.nan
         if len(d) > 1:  # ttest_1samp gives no interval where all differences are the same
@@ -274,8 +274,8 @@ class Design(Shown):
 
     def compare(self, ensemble: Ensemble) -> Comparison:
         """Before and after on other earthquakes."""
-        instance("Design.compare", "ensemble", ensemble, Ensemble)
-        self.space.require_certain("Design.compare", ensemble.uncertain)
+        instance("ensemble", ensemble, Ensemble)
+        self.space.require_certain(ensemble.uncertain)
         before, after = (self._problem.evaluate(x, ensemble) for x in (self._first, self.shares))
         return dataclasses.replace(self.trained, before=before, after=after)
 
@@ -287,10 +287,10 @@ class Design(Shown):
         """
         names = self.space.names
         for name, path in (("x", x), ("y", y)):
-            require_one_of("landscape", path, names, name)
+            require_one_of(path, names, name)
         if x == y:
-            raise InvalidInput("landscape", "x = y", repr(x), "must be two variables")
-        enforce("landscape", [Rule("n", n, count("landscape", "n", n) >= 2, "at least 2")])
+            raise InvalidInput("x = y", repr(x), "must be two variables")
+        enforce([Rule("n", n, count("n", n) >= 2, "at least 2")])
         i, j = names.index(x), names.index(y)
         shares = np.tile(self.shares, (n, n, 1))
         shares[..., i], shares[..., j] = np.meshgrid(*[np.linspace(0, 1, n)] * 2)

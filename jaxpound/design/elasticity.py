@@ -87,11 +87,10 @@ def elasticities(
     >>> round(result.values["friction"], 2)  # percent of min gap by a percent of friction
     0.72
     """
-    owner = "elasticities"
-    system = single_system(owner, structures)
-    instance(owner, "grid", grid, TimeGrid)
-    instance(owner, "scheme", scheme, Scheme)
-    require_over(owner, over)
+    system = single_system(structures)
+    instance("grid", grid, TimeGrid)
+    instance("scheme", scheme, Scheme)
+    require_over(over)
     gravity = gravity_of(structures)
     if isinstance(ground, Ensemble):
         ensemble, first = ground, first_of(len(ground), grid)
@@ -102,7 +101,7 @@ def elasticities(
         peak = pga(as_run(ground, grid, gravity), grid) / (gravity or 1.0)
         findings = unseen(ground, grid, strict=strict)
         findings += excessive(ground, peak, si=gravity is not None)
-    warn(owner, imprecise(system, grid, ensemble.grounds) + findings, strict)
+    warn(imprecise(system, grid, ensemble.grounds) + findings, strict)
     parameters = {path: float(get(structures, path)) for path in paths(structures)}
     certain = parameters.keys() - ensemble.uncertain.keys()  # and a gap may be infinite
     variables = {path: x for path, x in parameters.items() if path in certain and np.isfinite(x)}
@@ -112,18 +111,18 @@ def elasticities(
     def value(variables: dict[str, Any], grounds: Any, uncertain: Any) -> Any:
         def demand_in(ground: Any, others: Any) -> jax.Array:
             scalars = demands_of(put(structures, {**variables, **others}), ground, grid, scheme)
-            require_one_of(owner, demand, scalars, "demand")
+            require_one_of(demand, scalars, "demand")
             return scalars[demand]
 
         return gathered(jax.vmap(demand_in)(grounds, uncertain), over)
 
     y, slopes = value(variables, ensemble.grounds, dict(ensemble.uncertain))
     if not np.isfinite(y) or not y:
-        raise InvalidInput(owner, demand, f"{float(y):.6g}", "must be finite and not zero")
+        raise InvalidInput(demand, f"{float(y):.6g}", "must be finite and not zero")
     for path, slope in slopes.items():
         if not np.isfinite(slope):
             rule = "must be finite, which single precision and very strong motions may prevent"
-            raise InvalidInput(owner, f"derivative of {demand} by {path}", f"{slope:.6g}", rule)
+            raise InvalidInput(f"derivative of {demand} by {path}", f"{slope:.6g}", rule)
     relative = {path: float(x * slopes[path] / abs(y)) for path, x in variables.items()}
     about = in_si(structures), structures.system().topology
     return Elasticities(demand, float(y), parameters, relative, *about)

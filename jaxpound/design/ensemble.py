@@ -60,13 +60,13 @@ class Ensemble:
         """
         motions = list(grounds) if isinstance(grounds, Sequence) else []
         if not motions:
-            raise InvalidInput("Ensemble", "grounds", repr(grounds), "must hold ground motions")
+            raise InvalidInput("grounds", repr(grounds), "must hold ground motions")
         for i, ground in enumerate(motions):
-            require_ground(f"Ensemble: grounds[{i}]", ground)
+            require_ground(f"grounds[{i}]", ground)
         units = {str(part.time_unit) for ground in motions for part in records_in(ground)}
         if len(units) > 1:
             rule = f"must be in one unit of time, but are in {' and '.join(sorted(units))}"
-            raise InvalidInput("Ensemble", "grounds", "", rule)
+            raise InvalidInput("grounds", "", rule)
         unit = min(units, default=None)
         waves = [ground for ground in motions if isinstance(ground, Ricker)]
         records = [ground for ground in motions if isinstance(ground, Record)]
@@ -97,18 +97,17 @@ class Ensemble:
         ``start`` is the index of the first point: from n on, the scenarios are new ones. A
         ``ValueError`` if memory has no room for n, or a scenario is not finite.
         """
-        owner = "Ensemble.drawn"
-        instance(owner, "scenarios", scenarios, ScenarioSet)
-        n = count(owner, "n", n)
-        most = require_sampling(owner, sampling)
-        key = as_key(*key_numbers(owner, key))
-        start = count(owner, "start + 1", start + 1) - 1
+        instance("scenarios", scenarios, ScenarioSet)
+        n = count("n", n)
+        most = require_sampling(sampling)
+        key = as_key(*key_numbers(key))
+        start = count("start + 1", start + 1) - 1
         scenario = jax.eval_shape(scenarios.realize, jnp.zeros(scenarios.dimension))
         size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(scenario))
-        require_memory(owner, "n", n, n * (size + 8 * scenarios.dimension))
+        require_memory("n", n, n * (size + 8 * scenarios.dimension))
         if start + n > most:
             rule = f"must be at most {most:,} for {sampling} sampling"
-            raise InvalidInput(owner, "start + n", f"{start + n:,}", rule)
+            raise InvalidInput("start + n", f"{start + n:,}", rule)
         z = points(sampling, key, scenarios.dimension)(start, start + n)
         structures, grounds = jax.jit(jax.vmap(scenarios.realize))(z)
         uncertain = {x: np.asarray(get(structures, x)) for x in drawn_parameters(scenarios)}
@@ -116,7 +115,7 @@ class Ensemble:
         for leaf in jax.tree.leaves((uncertain, grounds)):
             if not np.isfinite(leaf).all():
                 first_invalid = int(np.argmin(np.isfinite(leaf).reshape(n, -1).all(axis=1)))
-                raise InvalidInput(owner, f"scenario {start + first_invalid}", "", "must be finite")
+                raise InvalidInput(f"scenario {start + first_invalid}", "", "must be finite")
         more = partial(Ensemble.drawn, scenarios, key=key, sampling=sampling, start=start + n)
         units = [str(part.time_unit) for part in records_in(scenario[1])]
         return Ensemble(grounds, uncertain, min(units, default=None), scenarios, more)
@@ -131,7 +130,7 @@ class Ensemble:
         Its structures must be certain, since these ground motions have no values of parameters.
         """
         for path in self.uncertain:
-            raise InvalidInput("Ensemble", path, "", "is uncertain; these have no value of it")
+            raise InvalidInput(path, "", "is uncertain; these have no value of it")
         both = Ensemble.of([*self, *grounds], grid)
         return dataclasses.replace(both, scenarios=self.scenarios, _more=self._more)
 

@@ -152,8 +152,8 @@ class LeastDemand:
     over: str | float = "mean"
 
     def __post_init__(self) -> None:
-        require_limited("LeastDemand", self.demand, "")
-        require_over("LeastDemand", self.over)
+        require_limited(self.demand, "")
+        require_over(self.over)
 
     @property
     def quantity(self) -> str | None:
@@ -169,12 +169,12 @@ class LeastDemand:
         return -self.value(demands)
 
 
-def require_over(owner: str, over: Any) -> None:
+def require_over(over: Any) -> None:
     """An ``InvalidInput`` if ``over`` is not "worst", "mean" or a share."""
     if not isinstance(over, str):
-        require_share(owner, "over", over)
+        require_share("over", over)
     elif over not in ("worst", "mean"):
-        raise InvalidInput(owner, "over", repr(over), "must be 'worst', 'mean' or a share")
+        raise InvalidInput("over", repr(over), "must be 'worst', 'mean' or a share")
 
 
 def gathered(values: jax.Array, over: str | float) -> jax.Array:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import instance
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import Checked, parameter
 from jaxpound.design.goals import Goal, LeastDemand, MeanGap, gathered, require_over
 from jaxpound.results.named import REQUIRED_GAP, require_limited
@@ -52,13 +52,13 @@ class Limit(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_over("Limit", self.over)
+        require_over(self.over)
         if self.at_most is None and self.probability is None:
             rule = "must be a number where there is no probability"
-            raise InvalidInput("Limit", "at_most", "None", rule)
+            raise InvalidInput("at_most", "None", rule)
         if self.probability is not None and self.over != "worst":
             rule = "must be left out with a probability, which is of a single earthquake"
-            raise InvalidInput("Limit", "over", repr(self.over), rule)
+            raise InvalidInput("over", repr(self.over), rule)
 
     def event(self, demand: str) -> str:
         """The event whose probability is limited, in words."""
@@ -115,7 +115,7 @@ class Penalty(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_over("Penalty", self.over)
+        require_over(self.over)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,25 +171,23 @@ class Objective:
         is_goal = callable(self.goal) or isinstance(self.goal, LeastDemand)
         if not is_goal or isinstance(self.goal, type):
             rule = "must be a function of gaps, or LeastDemand"
-            raise InvalidInput("Objective", "goal", repr(self.goal), rule)
+            raise InvalidInput("goal", repr(self.goal), rule)
         for name, kind in (("penalties", Penalty), ("limits", Limit)):
             entries = getattr(self, name)
-            instance("Objective", name, entries, Mapping)
+            instance(name, entries, Mapping)
             checked: Any = {}
             for demand, x in entries.items():
                 if demand != REQUIRED_GAP or kind is Penalty:
-                    require_limited("Objective", demand, f" in {name}")
-                try:
+                    require_limited(demand, f" in {name}")
+                with renamed(name, {"at_most": demand, "weight": demand}):
                     checked[demand] = x if isinstance(x, kind) else kind(x)
-                except InvalidInput as error:
-                    raise error.replaced(owner=f"Objective: {name}", name=demand) from error
                 limit = checked[demand]
                 if kind is Limit and demand == REQUIRED_GAP and limit.probability is None:
                     rule = "must have a probability; of gaps over an ensemble there are goals"
-                    raise InvalidInput("Objective: limits", demand, repr(limit.at_most), rule)
+                    raise InvalidInput(f"limits: {demand}", repr(limit.at_most), rule)
                 if kind is Limit and demand != REQUIRED_GAP and limit.at_most is None:
                     rule = f"must be given: only of {REQUIRED_GAP} it is that of the structures"
-                    raise InvalidInput(f"Objective: limits: {demand}", "at_most", "None", rule)
+                    raise InvalidInput(f"limits: {demand}: at_most", "None", rule)
             object.__setattr__(self, name, checked)
 
     @property

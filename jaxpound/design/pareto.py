@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -93,21 +93,20 @@ def pareto_front(
     progress
         Whether to show a progress bar, of the iterations of all searches.
     """
-    owner = "pareto_front"
-    instance(owner, "objective", objective, Objective)
-    instance(owner, "space", space, DesignSpace)
+    instance("objective", objective, Objective)
+    instance("space", space, DesignSpace)
     name, allowed = "limited_demand", limitable_demands(space.nominal.system())
-    require_one_of(owner, limited_demand, allowed, name)
+    require_one_of(limited_demand, allowed, name)
     if limited_demand in objective.limits:
         rule = "must not be limited by the objective"
-        raise InvalidInput(owner, name, repr(limited_demand), rule)
-    instance(owner, "search", search, DesignSearch)
+        raise InvalidInput(name, repr(limited_demand), rule)
+    instance("search", search, DesignSearch)
     number, bounds = 0, []
-    if np.ndim(limits):
-        bounds = np.sort(np.ravel(real(owner, "limits", limits)))[::-1].tolist()
-        positive(owner, limits=np.asarray(bounds))
+    if isinstance(limits, Iterable) and not isinstance(limits, str):
+        bounds = np.sort(np.ravel(real("limits", [*limits])))[::-1].tolist()
+        positive(limits=np.asarray(bounds))
     else:
-        number = count(owner, "limits", limits)
+        number = count("limits", limits)
     all_limits = {**objective.limits, limited_demand: Limit(NO_LIMIT, over)}
     limited = dataclasses.replace(objective, limits=all_limits)
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import instance, refusal
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound._xla.batches import in_chunks
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.goals import LeastDemand, PoundingProbability
@@ -35,8 +35,6 @@ from jaxpound.results.named import (
 )
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
-
-OWNER = "design_damper"
 
 
 class ProblemData(NamedTuple):
@@ -100,33 +98,38 @@ class DesignProblem:
     def __post_init__(self) -> None:
         kinds = (DesignSpace, Ensemble, TimeGrid, Scheme, Objective)
         for field, kind in zip(dataclasses.fields(self), kinds, strict=True):
-            instance(OWNER, field.name, getattr(self, field.name), kind)
+            instance(field.name, getattr(self, field.name), kind)
         nominal = self.space.nominal
-        single_system(OWNER, nominal)
-        require_time_unit(f"{OWNER}: ensemble", self.ensemble, si=self.si)
-        self.space.require_certain(OWNER, self.ensemble.uncertain)
-        owner, objective, goal = f"{OWNER}: objective", self.objective, self.objective.goal
+        single_system(nominal)
+        require_time_unit("ensemble", self.ensemble, si=self.si)
+        self.space.require_certain(self.ensemble.uncertain)
+        with renamed("objective"):
+            self._require_objective()
+
+    def _require_objective(self) -> None:
+        """An ``InvalidInput`` for an objective that is not one of these structures."""
+        objective, goal = self.objective, self.objective.goal
         of_goal = [goal.demand] if isinstance(goal, LeastDemand) else []
         named: dict[str, Any] = {"penalties": objective.penalties, "limits": objective.limits}
         for place, names in {**named, "goal": of_goal}.items():
             for name in names:
                 if rule := self._refusal(name):
-                    raise InvalidInput(owner, f"{name!r} in {place}", "", rule)
+                    raise InvalidInput(f"{name!r} in {place}", "", rule)
         if objective.needs_gap and not self._closable:
             rule = "must not be of gaps where no link has a finite one"
-            raise InvalidInput(owner, "goal", repr(goal), f"{rule}; LeastDemand is of a response")
+            raise InvalidInput("goal", repr(goal), f"{rule}; LeastDemand is of a response")
         if isinstance(goal, PoundingProbability):
             if any(link.contact is not None for link in self._links):
                 rule = "must be of structures without a law of contact; "
                 rule += "whether they meet is the same"
-                raise InvalidInput(owner, "PoundingProbability", "", rule)
+                raise InvalidInput("PoundingProbability", "", rule)
             # Gaps at rest that are one number, whatever is chosen and drawn.
             drawn = {path: x[0] for path, x in self.ensemble.uncertain.items()}
             middle = jnp.full(self.space.dimension, 0.5)
             gap = jax.eval_shape(lambda *x: common_gap(self.space.structures(*x)), middle, drawn)
             if goal.gap is not None and gap is None:
                 rule = "must be left out where gaps at rest differ: it is then of those gaps"
-                raise InvalidInput(owner, "PoundingProbability: gap", "", rule)
+                raise InvalidInput("PoundingProbability: gap", "", rule)
 
     def _refusal(self, demand: str) -> str:
         """The rule that a demand breaks which the structures do not have; empty if they have it."""

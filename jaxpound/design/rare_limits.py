@@ -19,9 +19,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound.design.lagrangian import FirstOrderConditions
-from jaxpound.design.problem import OWNER, DesignProblem, LogRatios, RareEstimates
+from jaxpound.design.problem import DesignProblem, LogRatios, RareEstimates
 from jaxpound.design.search import STOPPED_BY_CALLBACK, Descent, SearchResult
 from jaxpound.model.parameters import get, put
 from jaxpound.model.system import Structures
@@ -74,18 +74,16 @@ def limit_states(problem: DesignProblem) -> dict[str, LimitState]:
     """The events whose probabilities a problem limits, by the demand's name."""
     ensemble, nominal, states = problem.ensemble, problem.space.nominal, {}
     for name in problem.objective.rare:
-        limit, place = problem.objective.limits[name], f"{OWNER}: objective: limits: {name}"
+        limit, place = problem.objective.limits[name], f"objective: limits: {name}"
         if ensemble.scenarios is None:
             rule = "needs an ensemble that is drawn (Ensemble.drawn)"
-            raise InvalidInput(place, "a probability", "", rule)
+            raise InvalidInput(f"{place}: a probability", "", rule)
         if limit.most < RAREST:
             rule = f"must be at least {RAREST:g}"
-            raise InvalidInput(place, "probability", f"{limit.most:.8g}", rule)
+            raise InvalidInput(f"{place}: probability", f"{limit.most:.8g}", rule)
         scenarios = DesignScenarios(ensemble.scenarios, nominal, tuple(ensemble.uncertain))
-        try:
+        with renamed(place):
             states[name] = LimitState(scenarios, problem.grid, problem.scheme, name, limit.at_most)
-        except ValueError as error:
-            raise ValueError(f"{place}: {error}") from error
     return states
 
 
@@ -125,7 +123,7 @@ class RareLimits:
         if event.probability == 1:
             listed = ", ".join(f"{path} = {x:.6g}" for path, x in changes.items())
             rule = f"must be rare enough to be estimated at {listed}: {'; '.join(event.warnings)}"
-            raise InvalidInput(f"{OWNER}: objective: limits", name, "", rule)
+            raise InvalidInput(f"objective: limits: {name}", "", rule)
         if len(event.design_points):
             self.last[name] = event
         return event

@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import Rule, count, enforce, instance, require_memory
-from jaxpound._errors import InvalidInput, resumable, warn
+from jaxpound._errors import InvalidInput, caller, resumable, warn
 from jaxpound.design.design import Comparison, Design, SearchHistory
 from jaxpound.design.ensemble import Ensemble
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.objective import Objective
-from jaxpound.design.problem import OWNER, DesignProblem
+from jaxpound.design.problem import DesignProblem
 from jaxpound.design.rare_limits import limit_states, search_in_rounds
 from jaxpound.design.search import Descent, DesignSearch
 from jaxpound.design.space import DesignSpace, start_shares
@@ -111,23 +111,23 @@ class Designer:
     ) -> None:
         import optax  # takes as long as all other imports
 
-        instance(OWNER, "search", search, DesignSearch)
+        instance("search", search, DesignSearch)
         if save is not None and not Path(save).absolute().parent.is_dir():
-            raise InvalidInput(OWNER, "save", str(save), "must be in a folder that exists")
+            raise InvalidInput("save", str(save), "must be in a folder that exists")
         self.problem, self.search, self.strict = problem, search, strict
         self.save, self.progress = None if save is None else Path(save), progress
         n = len(problem.ensemble)
         batch = n if search.batch is None else search.batch
-        enforce(OWNER, [Rule("batch", batch, batch <= n, f"at most the ensemble's {n}")])
+        enforce([Rule("batch", batch, batch <= n, f"at most the ensemble's {n}")])
         # At least the variables of every start, and the demands of its earthquakes, run at once.
         each = problem.space.dimension + batch * len(problem.limitable)
         size = search.starts * each * jnp.zeros(()).dtype.itemsize
-        require_memory(OWNER, "starts", search.starts, size)
+        require_memory("starts", search.starts, size)
         self.states = limit_states(problem)
         grounds = problem.first_grounds(first_of(n, problem.grid))
         unresolved = of_many(grounds, problem.grid, in_g=problem.si)
         findings = imprecise(problem.space.nominal.system(), problem.grid, grounds)
-        warn(OWNER, findings + unresolved, strict)
+        warn(findings + unresolved, strict)
         steps = optax.cosine_decay_schedule(0.2, search.iterations)
         optimiser = search.optimiser or optax.adam(steps, b1=0.8, b2=0.9)
         optimiser = optax.with_extra_args_support(optimiser)
@@ -142,15 +142,15 @@ class Designer:
     ) -> Design:
         """See ``design_damper``; ``limits`` replace bounds of the objective's limits."""
         problem, search = self.problem, self.search
-        first = start_shares(OWNER, problem.space, start)
+        first = start_shares(problem.space, start)
         if isinstance(fresh, Ensemble):
-            problem.space.require_certain(OWNER, fresh.uncertain)
+            problem.space.require_certain(fresh.uncertain)
         elif fresh is not None:
-            fresh = problem.ensemble.fresh(count(OWNER, "fresh", fresh))
+            fresh = problem.ensemble.fresh(count("fresh", fresh))
         before = problem.evaluate(first, problem.ensemble)
         topology = problem.space.nominal.system().topology
         extremes = {name: (float(x.min()), float(x.max())) for name, x in before.items()}
-        warn(OWNER, unreached(topology, extremes, si=problem.si), self.strict)
+        warn(unreached(topology, extremes, si=problem.si), self.strict)
         data = problem.data(before, search.limit_tolerance, search.key, limits)
         descent = Descent(self.lagrangian, search, data, self.save, self.progress)
         states = self.states
@@ -171,7 +171,7 @@ class Designer:
             if limit.probability is not None:
                 excess = f"{limit.event(worst)} = {x:.4g}, above its limit {limit.most:g}"
             closest = f"the closest that was found, in {iterations} iterations, has {excess}"
-            raise InfeasibleError(f"{OWNER}: limits must leave a design, but {closest}")
+            raise InfeasibleError(f"{caller()}: limits must leave a design, but {closest}")
         function = replace(problem.objective, limits=used)
         multipliers, gradient = result.conditions.multipliers(best)
         at_bound = result.conditions.at_bound(best.scaled, gradient)

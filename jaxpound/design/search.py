@@ -19,7 +19,7 @@ from jaxpound._checks import instance, seed
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, parameter
 from jaxpound.design.lagrangian import AugmentedLagrangian, FirstOrderConditions, SearchState
-from jaxpound.design.problem import OWNER, Point, ProblemData, RareEstimates, best_start, better
+from jaxpound.design.problem import Point, ProblemData, RareEstimates, best_start, better
 from jaxpound.design.space import spread_shares
 from jaxpound.model.system import Structures
 from jaxpound.store.archive import DamagedError, digest, opened, sweep_parts, write_archive
@@ -104,12 +104,13 @@ class DesignSearch(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        owner = "DesignSearch"
-        seed(owner, "key", self.key)
+        seed("key", self.key)
+        if not (self.callback is None or callable(self.callback)):
+            raise InvalidInput("callback", repr(self.callback), "must be a function")
         if self.optimiser is not None:
             import optax  # only here: it takes as long to import as all else
 
-            instance(owner, "optimiser", self.optimiser, optax.GradientTransformation)
+            instance("optimiser", self.optimiser, optax.GradientTransformation)
 
 
 class Iterate(NamedTuple):
@@ -182,7 +183,7 @@ class Descent:
                     best = better(best, problem.points(point.scaled, self.data), state.alive)
                 history.append(Iterate(point, best, state.alive))
                 if not state.alive.any():
-                    raise ValueError(f"{OWNER}: {self._none_finite(history)}")
+                    raise InvalidInput("", "", self._none_finite(history))
                 due = len(history) % _SAVE_EVERY == 0 or time.monotonic() > written + _SAVE_AFTER
                 if saved is not None and due:
                     saved.write(state, history)
@@ -269,7 +270,7 @@ class SavedSearch:
     def read(self, state: SearchState) -> tuple[SearchState, list[Iterate]]:
         """State and history; the state passed and no history if there is no file."""
         if any(jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key) for x in jax.tree.leaves(state)):
-            raise InvalidInput(OWNER, "save", "", "cannot keep an optimiser that draws at random")
+            raise InvalidInput("save", "", "cannot keep an optimiser that draws at random")
         with contextlib.suppress(OSError):
             sweep_parts(self.path.parent, self.path.name)
         best = no_design(state)
@@ -283,7 +284,7 @@ class SavedSearch:
                 elif differing := [name for name, x in identity.items() if about.get(name) != x]:
                     rule = f"holds another search: {', '.join(differing)} differs"
                 if rule:
-                    raise InvalidInput(OWNER, "save", str(self.path), f"{rule}; {_ANEW}")
+                    raise InvalidInput("save", str(self.path), f"{rule}; {_ANEW}")
                 (n,) = archive.read("iterations", (1,), np.int64).tolist()
                 all_of = jax.tree.map(lambda x: jax.ShapeDtypeStruct((n, *x.shape), x.dtype), row)
                 stored = jax.tree.map_with_path(
@@ -294,7 +295,7 @@ class SavedSearch:
             return state, []
         except DamagedError as error:
             rule = f"holds no search, or a damaged one ({error}); {_ANEW}"
-            raise InvalidInput(OWNER, "save", str(self.path), rule) from error
+            raise InvalidInput("save", str(self.path), rule) from error
         rows = [jax.tree.map(lambda x, i=i: x[i], stored["Iterate"]) for i in range(n)]
         return stored["State"], rows
 

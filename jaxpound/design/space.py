@@ -49,12 +49,12 @@ class Bounds(Checked):
 
     def __post_init__(self) -> None:
         if self.scale not in ("linear", "log"):
-            raise InvalidInput("Bounds", "scale", repr(self.scale), "must be 'linear' or 'log'")
+            raise InvalidInput("scale", repr(self.scale), "must be 'linear' or 'log'")
         super().__post_init__()
         for name in ("low", "high"):
             object.__setattr__(self, name, float(getattr(self, name)))
         positive = self.low > 0 or self.scale == "linear"
-        enforce("Bounds", [Rule("low", self.low, positive, "positive for a log scale")])
+        enforce([Rule("low", self.low, positive, "positive for a log scale")])
 
     def value(self, share: Any, low: Any) -> Any:
         """The value of a scaled variable, 0 at ``low`` (or a higher bound) and 1 at high."""
@@ -103,15 +103,14 @@ class DesignSpace:
     variables: Mapping[str, Bounds]
 
     def __post_init__(self) -> None:
-        owner = "DesignSpace"
-        instance(owner, "nominal", self.nominal, Structures)
-        instance(owner, "variables", self.variables, Mapping)
+        instance("nominal", self.nominal, Structures)
+        instance("variables", self.variables, Mapping)
         if not self.variables:
-            raise InvalidInput(owner, "variables", "{}", "must name a parameter")
+            raise InvalidInput("variables", "{}", "must name a parameter")
         unset = dict.fromkeys(paths(self.nominal))
         bounds = {
             path: _bounds(path, limits, *interval(self.nominal, path, unset))
-            for path, limits in expanded(owner, self.nominal, self.variables).items()
+            for path, limits in expanded(self.nominal, self.variables).items()
         }
         ordered = {path: bounds[path] for path in paths(self.nominal) if path in bounds}
         object.__setattr__(self, "variables", ordered)
@@ -125,7 +124,7 @@ class DesignSpace:
                 if not largest * _APART < ceiling:
                     value = f"{largest:.8g}, as large as it may be,"
                     rule = f"must be below {path.rpartition('.')[2]} = {ceiling:.8g}"
-                    raise InvalidInput(owner, below, value, rule)
+                    raise InvalidInput(below, value, rule)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -160,38 +159,37 @@ class DesignSpace:
 
         A mapping has every variable and may have patterns, as ``variables``.
         """
-        owner = "DesignSpace"
-        instance(owner, "design", design, Structures, Mapping)
+        instance("design", design, Structures, Mapping)
         if not isinstance(design, Mapping):
-            require_paths(owner, design, self.names)
+            require_paths(design, self.names)
             values = {path: float(get(design, path)) for path in self.names}
         else:
             if any("*" in path for path in design):
-                design = expanded(owner, self.nominal, design)
+                design = expanded(self.nominal, design)
             if lacking := [path for path in self.names if path not in design]:
-                raise InvalidInput(owner, "design", "", f"lacks {lacking[0]!r}")
+                raise InvalidInput("design", "", f"lacks {lacking[0]!r}")
             if others := [path for path in design if path not in self.names]:
                 rule = f"has {others[0]!r}, which is none of {', '.join(self.names)}"
-                raise InvalidInput(owner, "design", "", rule)
-            values = {path: float(number(owner, path, design[path])) for path in self.names}
+                raise InvalidInput("design", "", rule)
+            values = {path: float(number(path, design[path])) for path in self.names}
         shares = []
         for path, value in values.items():
             low, high = float(self._low(path, values)), self.variables[path].high
             slack = _SLACK * max(abs(low), abs(high))
             rule = f"between its bounds, {low:.8g} and {high:.8g}"
-            enforce(owner, [Rule(path, value, low - slack <= value <= high + slack, rule)])
+            enforce([Rule(path, value, low - slack <= value <= high + slack, rule)])
             shares.append(self.variables[path].share(value, low))
         return np.clip(shares, 0.0, 1.0)
 
-    def require_certain(self, owner: str, uncertain: Iterable[str]) -> None:
+    def require_certain(self, uncertain: Iterable[str]) -> None:
         """Refuse uncertain parameters that are variables, bound one or are bounded by one."""
         for path in uncertain:
             if path in self.names:
-                raise InvalidInput(owner, path, "", "must not be both chosen and uncertain")
+                raise InvalidInput(path, "", "must not be both chosen and uncertain")
             for other in self.names:
                 if path == lower(self.nominal, other) or other == lower(self.nominal, path):
                     rule = f"must not be chosen where {path} is uncertain"
-                    raise InvalidInput(owner, other, "", rule)
+                    raise InvalidInput(other, "", rule)
 
     def _low(self, path: str, values: Mapping[str, Any]) -> Any:
         """The lower bound, raised to the parameter that bounds this one from below."""
@@ -205,14 +203,14 @@ def _bounds(path: str, limits: Any, low: float, high: float) -> Bounds:
     """Bounds, as given or as two numbers, within what a parameter may be."""
     if not isinstance(limits, Bounds):
         if not (isinstance(limits, tuple | list) and len(limits) == 2):
-            raise InvalidInput("DesignSpace", path, repr(limits), "must be Bounds or (low, high)")
-        with renamed(f"DesignSpace: {path}: Bounds"):
+            raise InvalidInput(path, repr(limits), "must be Bounds or (low, high)")
+        with renamed(f"{path}: Bounds"):
             limits = Bounds(*limits)
     rules = [
         Rule(f"{path}: low", limits.low, limits.low >= low, f"at least {low:.6g}"),
         Rule(f"{path}: high", limits.high, limits.high <= high, f"at most {high:.6g}"),
     ]
-    enforce("DesignSpace", rules)
+    enforce(rules)
     return limits
 
 
@@ -225,11 +223,7 @@ def spread_shares(first: np.ndarray, n: int, key: int) -> np.ndarray:
     return np.concatenate([first[None], 0.05 + 0.9 * sobol.random_base2(power)[: n - 1]])
 
 
-def start_shares(
-    owner: str, space: DesignSpace, start: Structures | Mapping[str, float] | None
-) -> np.ndarray:
+def start_shares(space: DesignSpace, start: Structures | Mapping[str, float] | None) -> np.ndarray:
     """Scaled variables of a search's start; a ``ValueError`` outside the bounds."""
-    try:
+    with renamed("start"):
         return space.shares(space.nominal if start is None else start)
-    except ValueError as error:
-        raise ValueError(f"{owner}: start: {error}") from error

@@ -77,10 +77,9 @@ def spectral_acceleration(
     >>> round(float(jp.spectral_acceleration(record, period=1.0)), 4)
     0.3789
     """
-    owner = "spectral_acceleration"
-    period, damping = number(owner, "period", period), number(owner, "damping", damping)
+    period, damping = number("period", period), number("damping", damping)
     is_positive = Rule("period", period, (period > 0) & finite(period), "positive and finite")
-    enforce(owner, rules := [is_positive, damping_rule(damping)])
+    enforce(rules := [is_positive, damping_rule(damping)])
     a, h = samples_of(ground, grid)
     parts = _SHORT_PARTS if is_traced((period, h)) or np.min(period) < _SHORT * h else 1
     return jnp.where(all_hold(rules), _pseudo_acceleration(a, h, period, damping, parts), jnp.nan)
@@ -92,12 +91,12 @@ def damping_rule(damping: Any) -> Rule:
 
 
 def spectra(
-    owner: str, records: Sequence[Record], periods: ArrayLike, damping: Any
+    records: Sequence[Record], periods: ArrayLike, damping: Any
 ) -> Float[np.ndarray, "n m"]:
     """``RecordSuite.spectra``, by one program for records of all lengths and intervals."""
-    at, zeta = array(owner, "periods", periods, (-1,)), number(owner, "damping", damping)
-    positive(owner, periods=at)
-    enforce(owner, [damping_rule(zeta)])
+    at, zeta = array("periods", periods, (-1,)), number("damping", damping)
+    positive(periods=at)
+    enforce([damping_rule(zeta)])
     sizes = np.array([record.n_samples for record in records])
     samples, intervals = stacked(records)
     parts = _SHORT_PARTS if at.min() < _SHORT * intervals.max() else 1
@@ -197,5 +196,5 @@ def samples_of(ground: GroundLike, grid: TimeGrid | None) -> tuple[jax.Array, An
         return jnp.asarray(ground.samples), ground.dt
     if not isinstance(grid, TimeGrid):
         rule = f"must be a TimeGrid for a {type(ground).__name__}"
-        raise InvalidInput("", "grid", repr(grid), rule)
+        raise InvalidInput("grid", repr(grid), rule)
     return jnp.asarray(sampled(ground, grid).samples), grid.dt

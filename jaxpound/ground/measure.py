@@ -81,11 +81,6 @@ class Measure:
         match = _DAMPING.search(self.words) if self.name == _SPECTRAL else None
         return float(match[1]) / 100 if match else 0.05
 
-    def is_in_unit_of(self, other: Measure) -> bool:
-        """Whether both state the same unit, however it is spelled."""
-        sizes = units_like(self.unit)
-        return other.unit in sizes and sizes[self.unit] == sizes[other.unit]
-
     def may_be(self, other: Measure) -> bool:
         """Whether both may be the same measure, regardless of units and of what is not stated."""
         if not (self.name and other.name):

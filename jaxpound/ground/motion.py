@@ -21,11 +21,11 @@ SECONDS, DIMENSIONLESS = "s", "1/ω1"  # units of time that a record may be in
 _TIME_UNITS = {SECONDS: SECONDS, DIMENSIONLESS: DIMENSIONLESS, "1/omega1": DIMENSIONLESS}
 
 
-def time_unit_of(owner: str, value: Any) -> str:
+def time_unit_of(value: Any) -> str:
     """A unit of time, "s" or "1/ω1" (also spelled "1/omega1"); an ``InvalidInput`` for others."""
     if not (isinstance(value, str) and value in _TIME_UNITS):
         rule = f"must be {SECONDS!r} or {DIMENSIONLESS!r}"
-        raise InvalidInput(owner, "time_unit", repr(value), rule)
+        raise InvalidInput("time_unit", repr(value), rule)
     return _TIME_UNITS[value]
 
 
@@ -128,8 +128,8 @@ class Addable(Generic[SumT, ScaledT]):
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: Any) -> ScaledT:
-        divisor = number("Scaled", "divisor", divisor)
-        enforce("Scaled", [Rule("divisor", divisor, divisor != 0, "no zero")])
+        divisor = number("divisor", divisor)
+        enforce([Rule("divisor", divisor, divisor != 0, "no zero")])
         return self._make_scaled(self, 1 / divisor)
 
     def __neg__(self) -> ScaledT:
@@ -179,11 +179,11 @@ class GroundMotion(Addable["Sum", "Scaled"]):
             values = [self.acceleration(float(instant)) for instant in t]
             if not is_traced(values):  # JAX would compile a program of as many inputs
                 values = [np.asarray(value) for value in values]
-        values = real("ground", "acceleration(t)", values)
+        values = real("ground: acceleration(t)", values)
         if jnp.shape(values) not in ((), t.shape):
-            name = f"acceleration(t) of shape {jnp.shape(values)}"
-            raise InvalidInput("ground", name, "", f"must have the shape of t, {t.shape}")
-        enforce("ground", [Rule("acceleration(t)", values, finite(values), "finite")])
+            name = f"ground: acceleration(t) of shape {jnp.shape(values)}"
+            raise InvalidInput(name, "", f"must have the shape of t, {t.shape}")
+        enforce([Rule("ground: acceleration(t)", values, finite(values), "finite")])
         return jnp.broadcast_to(values, t.shape)
 
     def parts(self) -> Iterator[GroundMotion]:
@@ -203,7 +203,7 @@ class GroundMotion(Addable["Sum", "Scaled"]):
 
         Raises ``ValueError`` if a part of it is not in seconds, or has no unit of time.
         """
-        raise InvalidInput("", repr(self), "", "must be in seconds, but has no unit of time")
+        raise InvalidInput(repr(self), "", "must be in seconds, but has no unit of time")
 
     def in_si(self, gravity: Any) -> GroundMotion:
         """The motion in m/s²: records are in g, and motions without a unit of time in m/s²."""
@@ -287,11 +287,11 @@ class Sum(_Combination):
     def __post_init__(self) -> None:
         object.__setattr__(self, "grounds", tuple(self.grounds))
         if not self.grounds:
-            raise InvalidInput("Sum", "grounds", "()", "must hold at least one ground motion")
+            raise InvalidInput("grounds", "()", "must hold at least one ground motion")
         for i, ground in enumerate(self.grounds):
-            require_ground(f"Sum: grounds[{i}]", ground)
+            require_ground(f"grounds[{i}]", ground)
         records = enumerate(records_in(self), 1)
-        require_one_time_unit("Sum", {f"grounds, record {i}": x for i, x in records})
+        require_one_time_unit({f"grounds, record {i}": x for i, x in records})
 
     def energy(self, since: float) -> float | None:
         """Sum over the parts, as if they were independent."""
@@ -316,7 +316,7 @@ class Scaled(_Combination):
     factor: Any = parameter("", words="factor of the ground motion", single=True)
 
     def __post_init__(self) -> None:
-        require_ground("Scaled: ground", self.ground)
+        require_ground("ground", self.ground)
         check(self)
 
     def unresolved(self, dt: float) -> list[str]:
@@ -345,12 +345,12 @@ def mean_acceleration(velocity: Callable[[Any], Any], t: Any, h: float) -> Any:
     return (velocity(t + h / 2) - velocity(begin)) / jnp.where(is_first, h / 2, h)
 
 
-def require_one_time_unit(owner: str, records: Mapping[str, GroundMotion]) -> None:
+def require_one_time_unit(records: Mapping[str, GroundMotion]) -> None:
     """An ``InvalidInput`` for records, by name, of which one is in another unit than the first."""
     for name, record in records.items():
         if record.time_unit != (first := next(iter(records.values()))).time_unit:
             rule = f"must be in the same unit of time as {first!r}"
-            raise InvalidInput(owner, name, repr(record), rule)
+            raise InvalidInput(name, repr(record), rule)
 
 
 def records_in(ground: GroundLike) -> Iterator[GroundMotion]:
@@ -358,15 +358,15 @@ def records_in(ground: GroundLike) -> Iterator[GroundMotion]:
     return (part for part in as_motion(ground).parts() if part.time_unit)
 
 
-def require_seconds(place: str, record: Any) -> None:
+def require_seconds(name: str, record: Any) -> None:
     """An ``InvalidInput`` for a motion that is not in seconds."""
     if (unit := record.time_unit) != SECONDS:
         problem = f"is in units of {unit} already" if unit else "has no unit of time"
-        raise InvalidInput("", place, repr(record), f"must be in seconds, but {problem}")
+        raise InvalidInput(name, repr(record), f"must be in seconds, but {problem}")
 
 
 def require_ground(name: str, value: Any) -> None:
     """An ``InvalidInput`` for a value that is neither a ground motion nor a function of t."""
     if not (callable(value) or isinstance(value, Ground)):
         rule = f"must have acceleration(t) or be a function of t{instead(value, 'Record')}"
-        raise InvalidInput("", name, repr(value), rule)
+        raise InvalidInput(name, repr(value), rule)

@@ -93,13 +93,12 @@ def read_record(
         value is no finite number, above 20 g or a code of missing values; rows are of unequal
         length, times not uniform; or data are cut. The message is one line.
     """
-    file = _Source.of("read_record", path, dt, units, rows)
+    file = _Source.of(path, dt, units, rows)
     with _located(file.path):
         return file.record(file.chosen(column, vertical), strict)
 
 
 def read_components(
-    owner: str,
     path: str | os.PathLike[str],
     *,
     dt: float | None = None,
@@ -111,7 +110,7 @@ def read_components(
 
     Raises ``OtherKindError`` if the file holds no horizontal acceleration, else as ``read_record``.
     """
-    file = _Source.of(owner, path, dt, units, rows)
+    file = _Source.of(path, dt, units, rows)
     with _located(file.path):
         channels = file.horizontal()
         others = [" ".join(x.names) for x in file.channels if not any(x is y for y in channels)]
@@ -130,19 +129,17 @@ class _Source:
     notes: tuple[str, ...]
 
     @staticmethod
-    def of(
-        owner: str, path: object, dt: float | None, units: str | None, rows: str | None
-    ) -> _Source:
+    def of(path: object, dt: float | None, units: str | None, rows: str | None) -> _Source:
         """A file that has been split into components; an error for one that cannot be."""
         if units is not None:
-            units = stated_unit(owner, units)
+            units = stated_unit(units)
         if dt is not None:
-            (dt,) = positive_number(owner, dt=dt)
+            (dt,) = positive_number(dt=dt)
         if rows not in (None, HISTORY, COLUMNS):
             rule = f"must be {HISTORY!r}, one row after the other, or {COLUMNS!r}, side by side"
-            raise InvalidInput(owner, "rows", repr(rows), rule)
+            raise InvalidInput("rows", repr(rows), rule)
         if not isinstance(path, str | os.PathLike):
-            raise InvalidInput(owner, "path", repr(path), "must be the path of a file")
+            raise InvalidInput("path", repr(path), "must be the path of a file")
         file, notes = Path(path), list[str]()
         with _located(file), np.errstate(over="ignore", invalid="ignore"):  # refused below
             text = text_of(bytes_of(file))
@@ -232,7 +229,7 @@ class _Source:
             notes.append("the acceleration is 0 throughout: is this the right file or column?")
         known = self.units is not None or unit is not None
         doubts = *notes, *of_samples(samples, step, stated=known)
-        warn(str(self.path), [*doubts], strict)
+        warn([f"{self.path}: {doubt}" for doubt in doubts], strict)
         return derived(samples, step, name, doubts=doubts)
 
 
@@ -341,4 +338,5 @@ def _digits(number: str) -> tuple[int, int, int]:
 def require_possible(place: str, name: str, peak: float, hint: str) -> None:
     """A ``ValueError`` for an acceleration, in g, far above those of all earthquakes."""
     if not abs(peak) <= MOST_PGA:
-        raise InvalidInput(place, name, f"{peak:.4g} g", f"must be at most {MOST_PGA:g} g: {hint}")
+        rule = f"must be at most {MOST_PGA:g} g: {hint}"
+        raise InvalidInput(f"{place}: {name}", f"{peak:.4g} g", rule, owner="")

@@ -86,23 +86,23 @@ class Record(motion.GroundMotion):
         time_unit: str = motion.SECONDS,
         units: str | None = None,
     ) -> None:
-        samples = real("Record", "acceleration", acceleration)
+        samples = real("acceleration", acceleration)
         if jnp.ndim(samples) != 1 or jnp.size(samples) < 2:
             name, rule = f"acceleration of shape {jnp.shape(samples)}", "must be one-dimensional"
-            raise InvalidInput("Record", name, "", f"{rule} with at least two samples")
+            raise InvalidInput(name, "", f"{rule} with at least two samples")
         if units is not None:
-            samples = samples * (UNITS[stated_unit("Record", units)] / STANDARD_GRAVITY)
+            samples = samples * (UNITS[stated_unit(units)] / STANDARD_GRAVITY)
         object.__setattr__(self, "samples", samples)
         if not isinstance(name, str):
-            raise InvalidInput("Record", "name", repr(name), "must be a string")
-        object.__setattr__(self, "dt", number("Record", "dt", dt))
+            raise InvalidInput("name", repr(name), "must be a string")
+        object.__setattr__(self, "dt", number("dt", dt))
         object.__setattr__(self, "name", name)
-        object.__setattr__(self, "time_unit", motion.time_unit_of("Record", time_unit))
+        object.__setattr__(self, "time_unit", motion.time_unit_of(time_unit))
         check(self)
         if self.time_unit == motion.SECONDS and not is_traced((samples, self.dt)):
             doubts = of_samples(np.asarray(samples), float(self.dt), stated=units is not None)
             object.__setattr__(self, "doubts", tuple(doubts))
-            warn("Record", doubts, strict=False)
+            warn(doubts, strict=False)
 
     def more_rules(self, prefix: str) -> list[Rule]:
         """The rule of the samples, under the name of the argument."""
@@ -146,10 +146,9 @@ class Record(motion.GroundMotion):
 
     def scaled_to_pga(self, pga: ArrayLike) -> Record:
         """The record scaled to the peak ground acceleration ``pga`` > 0."""
-        owner = "Record.scaled_to_pga"
-        (pga,) = positive_number(owner, pga=pga)
+        (pga,) = positive_number(pga=pga)
         peak = abs(self.samples).max()
-        enforce(owner, [Rule("the record's own peak", peak, peak > 0, "positive")])
+        enforce([Rule("the record's own peak", peak, peak > 0, "positive")])
         return self._with((self.samples * (pga / peak)).astype(self.samples.dtype), measured=False)
 
     def without_mean(self) -> Record:
@@ -177,14 +176,13 @@ class Record(motion.GroundMotion):
         order
             Order of the filter of one run, from 1 to 10.
         """
-        owner = "Record.high_passed"
         if is_traced((corner, self.samples, self.dt)):
-            raise InvalidInput(owner, "corner", "", "and the record must not be traced")
-        (corner,), order = positive_number(owner, corner=corner), count(owner, "order", order)
+            raise InvalidInput("corner", "", "and the record must not be traced")
+        (corner,), order = positive_number(corner=corner), count("order", order)
         dt, low, high = float(self.dt), 1 / float(self.duration), 0.5 / float(self.dt)
         ends = f"at least 1 / duration = {low:.4g} and below the Nyquist frequency, {high:.4g}"
         up_to_10 = Rule("order", order, order <= 10, "at most 10")
-        enforce(owner, [Rule("corner", corner, low <= corner < high, ends), up_to_10])
+        enforce([Rule("corner", corner, low <= corner < high, ends), up_to_10])
         from scipy.signal import butter, sosfiltfilt  # as in resampled
 
         n = int(np.ceil(1.5 * order / (corner * dt)))
@@ -210,14 +208,13 @@ class Record(motion.GroundMotion):
         above the record's duration, or is coarser and no ratio of whole numbers times the record's
         dt; if either interval is traced.
         """
-        owner = "Record.resampled"
         if is_traced((dt, self.dt)):
             rule = "decides the number of samples and cannot be traced"
-            raise InvalidInput(owner, "dt", "", rule)
-        positive_number(owner, dt=dt)
+            raise InvalidInput("dt", "", rule)
+        positive_number(dt=dt)
         dt, old = float(dt), float(self.dt)
         rule = f"at most the record's duration, {self.duration:.8g}"
-        enforce(owner, [Rule("dt", dt, dt <= self.duration, rule)])
+        enforce([Rule("dt", dt, dt <= self.duration, rule)])
         if dt <= old:
             n = int((self.n_samples - 1) * old / dt * (1 + 1e-7)) + 1
             place = np.minimum(np.arange(n) * (dt / old), self.n_samples - 1)
@@ -227,7 +224,7 @@ class Record(motion.GroundMotion):
         ratio = Fraction(old / dt).limit_denominator(1000)
         if abs(ratio * Fraction(dt) / Fraction(old) - 1) > 1e-7:
             rule = f"must be a ratio of whole numbers up to 1000 times the record's dt = {old:.8g}"
-            raise InvalidInput(owner, "dt", f"{dt:.8g}", rule)
+            raise InvalidInput("dt", f"{dt:.8g}", rule)
         from scipy.signal import resample_poly  # its import takes as long as the whole package's
 
         samples = np.asarray(self.samples)
@@ -235,7 +232,7 @@ class Record(motion.GroundMotion):
 
     def dimensionless(self, frequency: Any) -> Record:
         """The record, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s."""
-        motion.require_seconds("Record.dimensionless: record", self)
+        motion.require_seconds("record", self)
         return self._with(self.samples, self.dt * frequency, time_unit=motion.DIMENSIONLESS)
 
     def _with(self, samples: Any, dt: Any = None, **fields: Any) -> Record:
@@ -271,11 +268,11 @@ class Record(motion.GroundMotion):
         return f"Record({title}{', '.join([*numbers, *self.notes])})"
 
 
-def stated_unit(owner: str, units: str) -> str:
+def stated_unit(units: str) -> str:
     """The unit of accelerations that ``units`` names; an ``InvalidInput`` if it is none."""
     if not isinstance(units, str) or (unit := whole_unit(units)) is None:
         rule = f"must be one of {', '.join(UNITS)}"
-        raise InvalidInput(owner, "units", reprlib.repr(units), rule)
+        raise InvalidInput("units", reprlib.repr(units), rule)
     return unit
 
 
@@ -288,16 +285,16 @@ def derived(
     return record
 
 
-def require_records(owner: str, records: Any, kind: type) -> None:
+def require_records(records: Any, kind: type) -> None:
     """An ``InvalidInput`` unless there are records, in a list or by name, in one unit of time."""
-    _checks.instance(owner, "records", records, kind)
+    _checks.instance("records", records, kind)
     if not len(records):
-        raise InvalidInput(owner, "records", repr(records), "must hold at least one record")
+        raise InvalidInput("records", repr(records), "must hold at least one record")
     entries = records.items() if isinstance(records, Mapping) else enumerate(records)
     named = {f"records[{name!r}]": record for name, record in entries}
     for name, record in named.items():
-        _checks.instance(owner, name, record, Record)
-    motion.require_one_time_unit(owner, named)
+        _checks.instance(name, record, Record)
+    motion.require_one_time_unit(named)
 
 
 def stacked(records: Sequence[Record]) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:

@@ -46,7 +46,7 @@ def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
     return Sampled(motion.as_motion(ground).samples_at(grid.times()), grid.dt)
 
 
-def require_time_unit(place: str, ground: Any, *, si: bool = False) -> None:
+def require_time_unit(name: str, ground: Any, *, si: bool = False) -> None:
     """An error for a ground motion, or a random one, in another unit of time than the structures.
 
     Sums and scalings are checked part by part; ``si`` says that the structures are in SI units.
@@ -56,7 +56,7 @@ def require_time_unit(place: str, ground: Any, *, si: bool = False) -> None:
             rule = f"must be in units of {DIMENSIONLESS}, as the structures are: "
             rule += "scales.to_dimensionless makes it so, or Buildings takes it unchanged, in SI"
             rule = "must be in seconds, as Buildings are" if si else f"{rule} units"
-            raise InvalidInput(place, repr(member), "", rule)
+            raise InvalidInput(name, repr(member), rule)
 
 
 def as_run(ground: GroundLike, grid: TimeGrid, gravity: Any = None) -> Ground:

@@ -18,12 +18,12 @@ from jaxpound import _checks
 from jaxpound._checks import count, instance, is_traced, positive, positive_number, require_one_of
 from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._tables import Shown, TextTable
-from jaxpound.ground.formats.text import OtherKindError
+from jaxpound.ground.formats.text import MisreadError, OtherKindError
 from jaxpound.ground.intensity import spectra
 from jaxpound.ground.reader import read_components
 from jaxpound.ground.record import Record, require_records
 from jaxpound.ground.stations import pairs_of
-from jaxpound.ground.target import SCALED_TO, FactorBounds, PeriodRange, ScaledSuite, TargetSpectrum
+from jaxpound.ground.target import FactorBounds, PeriodRange, ScaledSuite, TargetSpectrum
 
 PERIODS = 100  # number of those at which spectra are compared with a target
 _NO_RECORD = re.compile(  # names of files beside the records
@@ -57,26 +57,26 @@ class RecordSuite(Shown):
     stations: Mapping[str, Sequence[str]] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        owner, members = "RecordSuite", self.records
-        require_records(owner, members, Sequence)
+        members = self.records
+        require_records(members, Sequence)
         for i, record in enumerate(members):
             name = f"records[{i}]"
             if is_traced(record) or np.ndim(record.samples) != 1:
-                raise InvalidInput(owner, name, repr(record), "must be known, and one alone")
+                raise InvalidInput(name, repr(record), "must be known, and one alone")
             if not np.any(record.samples):
-                raise InvalidInput(owner, name, repr(record), "must move: all are zero")
+                raise InvalidInput(name, repr(record), "must move: all are zero")
         records = tuple(
             record if record.name else record._with(record.samples, name=f"record {i}")
             for i, record in enumerate(members, 1)
         )
         object.__setattr__(self, "records", records)
         if repeated := [name for name in self.names if self.names.count(name) > 1]:
-            raise InvalidInput(owner, "name", repr(repeated[0]), "must be that of one record only")
+            raise InvalidInput("name", repr(repeated[0]), "must be that of one record only")
         stations = self.stations or {name: (name,) for name in self.names}
         stations = {station: tuple(names) for station, names in stations.items()}
         if sorted(x for names in stations.values() for x in names) != sorted(self.names):
             rule = f"must have each of the records once: {', '.join(self.names)}"
-            raise InvalidInput(owner, "stations", reprlib.repr(stations), rule)
+            raise InvalidInput("stations", reprlib.repr(stations), rule)
         object.__setattr__(self, "stations", stations)
 
     @property
@@ -103,7 +103,7 @@ class RecordSuite(Shown):
     def __getitem__(self, key: int | str) -> Record:
         """A record by its number, from 0, or by its name."""
         if isinstance(key, str):
-            require_one_of("RecordSuite", key, self.names, "name")
+            require_one_of(key, self.names, "name")
             return self.records[self.names.index(key)]
         return self.records[key]
 
@@ -116,7 +116,7 @@ class RecordSuite(Shown):
         for key in which:
             if not isinstance(key, str) and not (_checks.is_whole(key) and -n <= key < n):
                 rule = f"must be a record's number, from 0 to {n - 1}, or its name"
-                raise InvalidInput("RecordSuite.chosen", repr(key), "", rule)
+                raise InvalidInput(repr(key), "", rule)
             records.append(self[key])
         left = {record.name for record in records}
         stations = {x: [*filter(left.__contains__, names)] for x, names in self.stations.items()}
@@ -128,13 +128,12 @@ class RecordSuite(Shown):
         ``periods`` > 0 have the shape (m,) and the records' unit of time; ``damping`` is at least 0
         and below 1. Raises ``ValueError`` for others.
         """
-        return spectra("RecordSuite.spectra", self.records, periods, damping)
+        return spectra(self.records, periods, damping)
 
     def scaled(self, factors: ArrayLike) -> RecordSuite:
         """Each record times its factor > 0, shape (n,), or times one number."""
-        owner = "RecordSuite.scaled"
-        factors = _checks.array(owner, "factors", factors, (), (len(self),))
-        (valid,) = positive(owner, factors=factors)
+        factors = _checks.array("factors", factors, (), (len(self),))
+        (valid,) = positive(factors=factors)
         each = zip(self.records, np.broadcast_to(valid, len(self)), strict=True)
         return RecordSuite(tuple(x._with(x.samples * k) for x, k in each), self.stations)
 
@@ -184,28 +183,28 @@ class RecordSuite(Shown):
         >>> scaled.suite.names, round(scaled.least_ratio, 3)
         (('record 2', 'record 3'), 0.9)
         """
-        instance(SCALED_TO, "target", target, TargetSpectrum)
-        span, bounds = PeriodRange.of(SCALED_TO, periods), FactorBounds.of(factors)
-        if best is not None and count(SCALED_TO, "best", best) > len(self):
+        instance("target", target, TargetSpectrum)
+        span, bounds = PeriodRange.of(periods), FactorBounds.of(factors)
+        if best is not None and count("best", best) > len(self):
             rule = f"must be at most {len(self)}, all records"
-            raise InvalidInput(SCALED_TO, "best", str(best), rule)
+            raise InvalidInput("best", str(best), rule)
         if least is not None:
-            positive_number(SCALED_TO, least=least)
+            positive_number(least=least)
         for record in self.records:
             low, high = 2 * float(record.dt), float(record.duration)
             if span.low < low * (1 - 1e-9) or span.high > high * (1 + 1e-9):
                 stated = f"{span.low:.4g} to {span.high:.4g} {self.time_unit}"
                 limits = f"{low:.4g} to {high:.4g} (two sample intervals, its duration)"
                 rule = f"must be within what {record.name!r} holds, {limits}"
-                raise InvalidInput(SCALED_TO, "periods", stated, rule)
+                raise InvalidInput("periods", stated, rule)
         periods_at = np.geomspace(*span, PERIODS)
-        with renamed(SCALED_TO):
+        with renamed():
             ordinates = target.at(periods_at)
         unscaled = self.spectra(periods_at, target.damping)
         selected, fitted = bounds.fit(ordinates / unscaled, best, least)
         suite, at = self.chosen(selected).scaled(fitted), fitted[:, None] * unscaled[selected]
         scaled = ScaledSuite(suite, fitted, target, span, periods_at, at, bounds)
-        warn(SCALED_TO, scaled.findings(), strict)
+        warn(scaled.findings(), strict)
         return scaled
 
     def _tables(self) -> list[TextTable]:
@@ -253,39 +252,36 @@ def read_suite(
         "both"; "larger", that of larger PGA of each station; or 1 or 2, the first or second of each
         station in the order of the records: an error if a station has one alone.
     """
-    owner = "read_suite"
     if component not in ("both", "larger", 1, 2) or isinstance(component, bool | float):
-        raise InvalidInput(owner, "component", repr(component), "must be 'both', 'larger', 1 or 2")
+        raise InvalidInput("component", repr(component), "must be 'both', 'larger', 1 or 2")
     if not (place := Path(folder)).is_dir():
-        raise InvalidInput(owner, "folder", repr(str(folder)), "must be a folder")
+        raise InvalidInput("folder", repr(str(folder)), "must be a folder")
     if not isinstance(pattern, str) or not pattern:
-        raise InvalidInput(owner, "pattern", repr(pattern), "must be a pattern such as '*.AT2'")
+        raise InvalidInput("pattern", repr(pattern), "must be a pattern such as '*.AT2'")
     paths = sorted(x for x in place.iterdir() if x.is_file() and not x.name.startswith("."))
     matching = [path for path in paths if fnmatchcase(path.name.lower(), pattern.lower())]
     if not matching:
         kinds = ", ".join(sorted({f"*{path.suffix}" for path in paths if path.suffix})[:8])
         content = f"it has {kinds}" if kinds else "it is empty"
         rule = f"must fit a file in {place}: {content}"
-        raise InvalidInput(owner, "pattern", repr(pattern), rule)
+        raise InvalidInput("pattern", repr(pattern), rule)
     options = {"dt": dt, "units": units, "rows": rows, "strict": strict}
-    files, left_out = _read_files(owner, matching, **options)
+    files, left_out = _read_files(matching, **options)
     if not files:
         rule = f"must hold a horizontal acceleration, but has {left_out} only"
-        raise InvalidInput(owner, "folder", repr(str(folder)), rule)
+        raise InvalidInput("folder", repr(str(folder)), rule)
     findings = [f"{place}: left out are {left_out}"] if left_out else []
     for name, records in files.items():
         if len(records) > 2:
             words = f"none of its {len(records)} components, each a station, is said to be vertical"
             findings.append(f"{place / name}: {words}")
-    warn(owner, findings, strict)
-    with renamed(f"{owner}: {place}"):
+    warn(findings, strict)
+    with renamed(str(place)):
         suite = _suite_of(files)
-    return suite if component == "both" else _of_component(owner, suite, component)
+    return suite if component == "both" else _of_component(suite, component)
 
 
-def _read_files(
-    owner: str, paths: Sequence[Path], **options: Any
-) -> tuple[dict[str, list[Record]], str]:
+def _read_files(paths: Sequence[Path], **options: Any) -> tuple[dict[str, list[Record]], str]:
     """Horizontal components by the names of their files, and which files have none, and why."""
     files: dict[str, list[Record]] = {}
     others: dict[str, list[str]] = {}
@@ -293,17 +289,16 @@ def _read_files(
         try:
             if _NO_RECORD.fullmatch(path.name):
                 raise OtherKindError(None, "by the name no record")
-            files[path.name], names = read_components("", path, **options)
+            with renamed():
+                files[path.name], names = read_components(path, **options)
             for name in names:
                 others.setdefault(f"components {name}", []).append(path.name)
         except OtherKindError as error:
             words = error.message.rpartition(", but ")[2]
             reason = words.removeprefix("is ").partition(": ")[0]
             others.setdefault(reason, []).append(path.name)
-        except InvalidInput as error:
-            raise error.replaced(owner=f"{owner}: {error.owner}".removesuffix(": ")) from error
-        except ValueError as error:  # a file that could not be read
-            raise ValueError(f"{owner}: {error}") from error
+        except MisreadError as error:
+            raise InvalidInput("", "", str(error)) from error
     for names in others.values():
         names[3:] = [f"{len(names) - 3} more"] if names[3:] else []
     return files, "; ".join(f"{', '.join(names)}: {why}" for why, names in others.items())
@@ -324,9 +319,7 @@ def _suite_of(files: Mapping[str, list[Record]]) -> RecordSuite:
     return RecordSuite(tuple(collected), stations)
 
 
-def _of_component(
-    owner: str, suite: RecordSuite, component: Literal["larger", 1, 2]
-) -> RecordSuite:
+def _of_component(suite: RecordSuite, component: Literal["larger", 1, 2]) -> RecordSuite:
     """The suite of one component of each station."""
     if component == "larger":
         peak = dict(zip(suite.names, suite.pgas, strict=True)).__getitem__
@@ -334,15 +327,15 @@ def _of_component(
     for station, names in suite.stations.items():
         if len(names) < component:
             rule = f"must be there in each station: {station!r} has {names[0]!r} alone"
-            raise InvalidInput(owner, "component", str(component), rule)
+            raise InvalidInput("component", str(component), rule)
     return suite.chosen([names[component - 1] for names in suite.stations.values()])
 
 
-def as_suite(owner: str, records: Any) -> RecordSuite:
+def as_suite(records: Any) -> RecordSuite:
     """A suite, or several records as a suite."""
     if isinstance(records, RecordSuite):
         return records
-    if not isinstance(records, Sequence):
-        rule = "must be a RecordSuite or a list of records"
-        raise InvalidInput(owner, "records", reprlib.repr(records), rule)
+    if not isinstance(records, Sequence) or isinstance(records, str):
+        rule = "must be a RecordSuite or a list of records; read_suite reads those of a folder"
+        raise InvalidInput("records", reprlib.repr(records), rule)
     return RecordSuite(tuple(records))

@@ -19,7 +19,6 @@ from jaxpound.ground.intensity import damping_rule
 if TYPE_CHECKING:
     from jaxpound.ground.suite import RecordSuite
 
-SCALED_TO = "RecordSuite.scaled_to"
 
 _SOILS = {  # S, T_B, T_C, T_D of spectra of type 1 and 2
     "A": ((1.0, 0.15, 0.4, 2.0), (1.0, 0.05, 0.25, 1.2)),
@@ -55,10 +54,9 @@ class PeriodRange(NamedTuple):
         from T_min to T_max; ``shortest`` is the period of the last mode that is needed for 90 % of
         the mass: the range begins there if it is shorter than 0.2 T_min.
         """
-        owner = "PeriodRange.asce_7"
-        low, high = _around(owner, periods)
+        low, high = _around(periods)
         if shortest is not None:
-            (least,) = positive_number(owner, shortest=shortest)
+            (least,) = positive_number(shortest=shortest)
             low = min(low, float(least))
         return cls(low, high)
 
@@ -72,29 +70,29 @@ class PeriodRange(NamedTuple):
         records. ``periods`` are the fundamental periods T1 > 0 of the buildings in the direction of
         shaking: the range covers that of each.
         """
-        return cls(*_around("PeriodRange.en_1998", periods))
+        return cls(*_around(periods))
 
     @classmethod
-    def of(cls, owner: str, value: Any) -> PeriodRange:
+    def of(cls, value: Any) -> PeriodRange:
         """A pair of numbers as a range; an ``InvalidInput`` for anything else."""
-        low, high = bounds(owner, "periods", value, "a range")
-        enforce(owner, [Rule("periods", high, high > low, f"above the lower end, {low:g}")])
+        low, high = bounds("periods", value, "a range")
+        enforce([Rule("periods", high, high > low, f"above the lower end, {low:g}")])
         return cls(low, high)
 
 
-def bounds(owner: str, name: str, value: Any, kind: str) -> tuple[float, float]:
+def bounds(name: str, value: Any, kind: str) -> tuple[float, float]:
     """Two positive numbers; an ``InvalidInput`` for anything else."""
     if np.shape(value) != (2,):
-        raise InvalidInput(owner, name, repr(value), f"must be {kind} (low, high)")
-    low, high = positive(owner, **{f"{name}[{i}]": x for i, x in enumerate(value)})
+        raise InvalidInput(name, repr(value), f"must be {kind} (low, high)")
+    low, high = positive(**{f"{name}[{i}]": x for i, x in enumerate(value)})
     return float(low), float(high)
 
 
-def _around(owner: str, periods: Sequence[float]) -> tuple[float, float]:
+def _around(periods: Sequence[float]) -> tuple[float, float]:
     """0.2 times the shortest of periods, and twice the longest."""
     if not periods:
-        raise InvalidInput(owner, "periods", "()", "must hold at least one period")
-    (valid,) = positive(owner, periods=list(periods))
+        raise InvalidInput("periods", "()", "must hold at least one period")
+    (valid,) = positive(periods=list(periods))
     return 0.2 * float(np.min(valid)), 2.0 * float(np.max(valid))
 
 
@@ -127,12 +125,12 @@ class TargetSpectrum(Shown):
 
     def __post_init__(self) -> None:
         check(self)
-        owner, arrays = "TargetSpectrum", (self.periods, self.accelerations)
+        arrays = self.periods, self.accelerations
         periods, accelerations = (np.asarray(x, float) for x in arrays)
         if periods.ndim != 1 or periods.size < 2 or accelerations.shape != periods.shape:
             shapes = f"periods {periods.shape} and accelerations {accelerations.shape}"
-            raise InvalidInput(owner, shapes, "", "must be of one shape, (m,) with m ≥ 2")
-        enforce(owner, [Rule("periods", periods, np.diff(periods, prepend=-1.0) > 0, "rising")])
+            raise InvalidInput(shapes, "", "must be of one shape, (m,) with m ≥ 2")
+        enforce([Rule("periods", periods, np.diff(periods, prepend=-1.0) > 0, "rising")])
         object.__setattr__(self, "periods", periods)
         object.__setattr__(self, "accelerations", accelerations)
         object.__setattr__(self, "damping", float(self.damping))
@@ -156,13 +154,12 @@ class TargetSpectrum(Shown):
         >>> [round(float(x), 4) for x in target.at([0.0, 0.2, 0.6, 1.2, 4.0])]
         [0.2875, 0.7188, 0.7188, 0.3594, 0.0539]
         """
-        owner = "TargetSpectrum.en_1998"
-        (a_g,) = positive_number(owner, acceleration=acceleration)
-        require_one_of(owner, ground, _SOILS, "ground")
+        (a_g,) = positive_number(acceleration=acceleration)
+        require_one_of(ground, _SOILS, "ground")
         if kind not in (1, 2):
-            raise InvalidInput(owner, "kind", repr(kind), "must be 1 or 2")
-        damping = float(number(owner, "damping", damping))
-        enforce(owner, [damping_rule(damping)])
+            raise InvalidInput("kind", repr(kind), "must be 1 or 2")
+        damping = float(number("damping", damping))
+        enforce([damping_rule(damping)])
         percent = 100 * damping
         soil, t_b, t_c, t_d = _SOILS[ground][kind - 1]
         top, last = 2.5 * max(math.sqrt(10 / (5 + percent)), 0.55), 4.0
@@ -188,22 +185,20 @@ class TargetSpectrum(Shown):
         >>> [round(float(x), 4) for x in target.at([0.0, 0.06, 0.12, 0.6, 1.0, 8.0])]
         [0.4, 0.7, 1.0, 1.0, 0.6, 0.075]
         """
-        owner = "TargetSpectrum.asce_7"
-        short, second, long = map(float, positive_number(owner, s_ds=s_ds, s_d1=s_d1, t_l=t_l))
+        short, second, long = map(float, positive_number(s_ds=s_ds, s_d1=s_d1, t_l=t_l))
         t_s = second / short
-        enforce(owner, [Rule("t_l", t_l, long > t_s, f"above s_d1 / s_ds = {t_s:.4g} s")])
+        enforce([Rule("t_l", t_l, long > t_s, f"above s_d1 / s_ds = {t_s:.4g} s")])
         accelerations = np.array([0.4 * short, short, short, second / long, second / long / 4])
         return cls([0.0, 0.2 * t_s, t_s, long, 2 * long], accelerations, name="ASCE 7")
 
     def at(self, periods: ArrayLike) -> np.ndarray:
         """Spectral acceleration at natural periods, g, of their shape; a ``ValueError`` outside."""
-        owner = "TargetSpectrum.at"
-        at = np.asarray(real(owner, "periods", periods), float)
+        at = np.asarray(real("periods", periods), float)
         low, high = self.periods[0], self.periods[-1]
         # The end of a range may differ from that of the target by rounding.
         inside = (at >= low * (1 - 1e-9)) & (at <= high * (1 + 1e-9))
         rule = f"within those of the target{self.named()}, {low:g} to {high:g}"
-        enforce(owner, [Rule("periods", at, inside, rule)])
+        enforce([Rule("periods", at, inside, rule)])
         first = int(low == 0)
         x, y = np.log(self.periods[first:]), np.log(self.accelerations[first:])
         with np.errstate(divide="ignore"):
@@ -232,9 +227,9 @@ class FactorBounds(NamedTuple):
     @classmethod
     def of(cls, factors: Any) -> FactorBounds:
         """A pair of numbers as bounds; an ``InvalidInput`` for anything else."""
-        low, high = bounds(SCALED_TO, "factors", factors, "bounds")
+        low, high = bounds("factors", factors, "bounds")
         rule = f"at least the lower bound, {low:g}"
-        enforce(SCALED_TO, [Rule("factors", high, high >= low, rule)])
+        enforce([Rule("factors", high, high >= low, rule)])
         return cls(low, high)
 
     def fit(
@@ -263,7 +258,7 @@ class FactorBounds(NamedTuple):
         if shortfall(common) < 0:  # the smallest that reaches ``least``
             if (reached := shortfall(most)) < 0:
                 largest = f"{reached + least:.4g}, which factors of {self.high:g} reach"
-                raise InvalidInput(SCALED_TO, "least", f"{least:g}", f"must be at most {largest}")
+                raise InvalidInput("least", f"{least:g}", f"must be at most {largest}")
             common = brentq(shortfall, 1.0, most, xtol=1e-13, rtol=1e-13)
         return selected, np.minimum(common * factors, self.high)
 

@@ -61,13 +61,13 @@ class Ricker(GroundMotion):
         amplitude, periods, arrivals = map(jnp.shape, (self.amplitude, self.periods, self.arrivals))
         if periods != arrivals:
             shapes = f"periods of shape {periods} and arrivals of shape {arrivals}"
-            raise InvalidInput("Ricker", shapes, "", "must have one entry per wavelet")
+            raise InvalidInput(shapes, "", "must have one entry per wavelet")
         if len(periods) > 1:
             rule = "must be a number or one-dimensional; a batch of ground motions goes through"
-            raise InvalidInput("Ricker", f"periods of shape {periods}", "", f"{rule} jax.vmap")
+            raise InvalidInput(f"periods of shape {periods}", "", f"{rule} jax.vmap")
         if amplitude not in ((), periods):
             rule = f"must be one number or, like periods, of shape {periods}"
-            raise InvalidInput("Ricker", f"amplitude of shape {amplitude}", "", rule)
+            raise InvalidInput(f"amplitude of shape {amplitude}", "", rule)
 
     def displacement(self, t: ArrayLike) -> jax.Array:
         """u(t), of the shape of ``t``."""
@@ -166,7 +166,7 @@ class Pulse(GroundMotion):
     time_unit: str = static(default=DIMENSIONLESS)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time_unit", motion.time_unit_of("Pulse", self.time_unit))
+        object.__setattr__(self, "time_unit", motion.time_unit_of(self.time_unit))
         check(self)
 
     def displacement(self, t: ArrayLike) -> jax.Array:
@@ -206,7 +206,7 @@ class Pulse(GroundMotion):
 
     def dimensionless(self, frequency: Any) -> Pulse:
         """The pulse, in seconds, in units of 1/ω1 for ω1 = ``frequency`` in rad/s."""
-        motion.require_seconds("Pulse.dimensionless: pulse", self)
+        motion.require_seconds("pulse", self)
         times = self.period * frequency, self.arrival * frequency
         return Pulse(self._size * frequency, *times, self.phase, self.cycles, DIMENSIONLESS)
 

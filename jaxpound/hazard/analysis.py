@@ -28,8 +28,6 @@ from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single_system
 from jaxpound.simulation.time_steps import record_grid
 
-_OWNER = "Analysis"
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Analysis:
@@ -81,19 +79,19 @@ class Analysis:
     def __post_init__(self) -> None:
         if not isinstance(self.structures, Buildings):
             rule = "must be jp.Buildings, as records are in g and s"
-            raise InvalidInput(_OWNER, "structures", type(self.structures).__name__, rule)
-        single_system(_OWNER, self.structures)
-        instance(_OWNER, "scheme", self.scheme, Scheme)
+            raise InvalidInput("structures", type(self.structures).__name__, rule)
+        single_system(self.structures)
+        instance("scheme", self.scheme, Scheme)
         for record in self.suite:
-            require_time_unit(f"{_OWNER}: records", record, si=True)
+            require_time_unit("records", record, si=True)
         grid, n = self.time_grid, len(self.suite)
         structures = self.run_structures
         require_stable(structures, self.scheme, grid.dt)
         doubts = imprecise(structures.system(), grid, self.unscaled)
         for record in self.suite:
             doubts += unseen(record, grid, strict=self.strict)
-        warn(_OWNER, doubts, self.strict)
-        require_memory(_OWNER, "records", n, n * grid.n_steps * 16)
+        warn(doubts, self.strict)
+        require_memory("records", n, n * grid.n_steps * 16)
         jax.eval_shape(self.value, 0, 1.0)
 
     @property
@@ -111,19 +109,19 @@ class Analysis:
         several = isinstance(self.records, Sequence) and len(self.records) > 0
         if several and all(isinstance(suite, RecordSuite) for suite in self.records):
             return joined(self.records)
-        return joined([as_suite(_OWNER, self.records)])
+        return joined([as_suite(self.records)])
 
     @cached_property
     def time_grid(self) -> TimeGrid:
         """The requested grid, or one as long as the longest record, for the finest samples."""
         if self.grid is not None:
-            instance(_OWNER, "grid", self.grid, TimeGrid)
+            instance("grid", self.grid, TimeGrid)
             return self.grid
         finest = min(self.suite, key=lambda record: float(record.dt))
         longest = max(self.suite, key=lambda record: float(record.duration))
         names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
-        place, options = f"{_OWNER}: records: {names}", (self.scheme, [*self.suite])
-        return record_grid(place, self.run_structures, *options, strict=self.strict)
+        options: Any = {"strict": self.strict, "place": f"records: {names}"}
+        return record_grid(self.run_structures, self.scheme, [*self.suite], **options)
 
     @property
     def unscaled(self) -> np.ndarray:
@@ -135,11 +133,13 @@ class Analysis:
         """The measure in words, with its unit, and the intensity of each unscaled record."""
         if isinstance(self.measure, str):
             if self.measure != "pga":
-                rule = "must be 'pga', a natural period or a number for each record"
-                raise InvalidInput(_OWNER, "measure", repr(self.measure), rule)
+                rule = (
+                    "must be 'pga', a natural period (0.9 is Sa(0.9 s)) or a number for each record"
+                )
+                raise InvalidInput("measure", repr(self.measure), rule)
             return "PGA (g)", self.suite.pgas
-        measure = array(_OWNER, "measure", self.measure, (), (len(self.suite),))
-        positive(_OWNER, measure=measure)
+        measure = array("measure", self.measure, (), (len(self.suite),))
+        positive(measure=measure)
         if np.ndim(measure):
             return "intensity", measure
         words = Measure.spectral_acceleration(float(measure), self.suite.time_unit)
@@ -155,11 +155,11 @@ class Analysis:
             name = "demand" if named.quantity_named(name) else name
         if threshold is None:
             if name != REQUIRED_GAP:
-                named.require_threshold(_OWNER, self.demand)
+                named.require_threshold(self.demand)
             gap = common_gap(self.structures)
             return (OVERLAP, 0.0) if gap is None else (REQUIRED_GAP, float(gap))
-        limit = float(number(_OWNER, "threshold", threshold))
-        enforce(_OWNER, [Rule("threshold", limit, np.isfinite(limit), "finite")])
+        limit = float(number("threshold", threshold))
+        enforce([Rule("threshold", limit, np.isfinite(limit), "finite")])
         return name, limit
 
     @property
@@ -191,7 +191,7 @@ class Analysis:
         ground = factor * Record(samples, interval)
         result = demand(self.run_structures, ground, self.time_grid, self.scheme)
         spec = self.event[0] if isinstance(self.demand, str) else self.demand
-        return named.value_of(_OWNER, self.run_structures.system(), result, spec)
+        return named.value_of(self.run_structures.system(), result, spec)
 
     def value_and_slope(self, record: Any, factor: Any) -> Any:
         """``value`` and its derivative by the factor."""
@@ -216,11 +216,9 @@ def joined(suites: Sequence[RecordSuite]) -> tuple[RecordSuite, list[np.ndarray]
     return RecordSuite(tuple(different.values())), by_suite
 
 
-def single_suite(owner: str, analysis: Any) -> Analysis:
+def single_suite(analysis: Any) -> Analysis:
     """An analysis of one suite of records; an ``InvalidInput`` for anything else."""
-    instance(owner, "analysis", analysis, Analysis)
+    instance("analysis", analysis, Analysis)
     if (n := len(analysis.numbers)) > 1:
-        raise InvalidInput(
-            owner, "records", f"{n} suites", "must be one: multiple_stripes takes several"
-        )
+        raise InvalidInput("records", f"{n} suites", "must be one: multiple_stripes takes several")
     return analysis

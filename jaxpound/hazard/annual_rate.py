@@ -24,7 +24,6 @@ from jaxpound.study.statistics import Estimate
 from jaxpound.study.study import Study
 from jaxpound.study.weighting import Hits
 
-_OWNER = "AnnualRate.deaggregation"
 _LEFT_OUT = 1e-3  # share of the rate beyond either end of the default bands
 _MOST_BEYOND = 0.5  # a larger share of a rate from beyond the curve's ends hints at a wrong unit
 _MAX_EXPONENT = 300.0  # of the logarithm of an interval's half width
@@ -89,7 +88,7 @@ class AnnualRate(Shown):
 
         Earthquakes with pounding are a Poisson process.
         """
-        (years,) = positive_number("AnnualRate.probability", years=years)
+        (years,) = positive_number(years=years)
         rates = (self.value, self.low, self.high)
         value, low, high = (float(-np.expm1(-rate * years)) for rate in rates)
         return Estimate(value, low, high, self.confidence)
@@ -117,17 +116,17 @@ class AnnualRate(Shown):
             number for each sample, shape (n,). Of a ``RareEvent``: a parameter or a number for each
             sample. None for a fragility.
         """
-        n = count(_OWNER, "bands", bands)
+        n = count("bands", bands)
         if self._source is None:
             rule = "must be of a fragility, a study or a rare event, not of an estimate"
-            raise InvalidInput(_OWNER, "the rate", "", rule)
+            raise InvalidInput("the rate", "", rule)
         if not self.value > 0:
-            raise InvalidInput(_OWNER, f"the rate, {self.value:g} a year,", "", "must be positive")
+            raise InvalidInput(f"the rate, {self.value:g} a year,", "", "must be positive")
         source = self._source(intensity)
-        ends = source.edges(n) if edges is None else array(_OWNER, "edges", edges, (-1,))
-        enforce(_OWNER, [Rule("number of edges", ends.size, ends.size > 1, "2 or more")])
+        ends = source.edges(n) if edges is None else array("edges", edges, (-1,))
+        enforce([Rule("number of edges", ends.size, ends.size > 1, "2 or more")])
         rises = np.r_[ends[0] >= 0, np.diff(ends) > 0]
-        enforce(_OWNER, [Rule("edges", ends, rises, "at least 0 and larger than the one before")])
+        enforce([Rule("edges", ends, rises, "at least 0 and larger than the one before")])
         rate, cov = source.per_band(ends)
         return Deaggregation(ends, rate, self.value, source.measure, cov, self.event)
 
@@ -207,7 +206,7 @@ class FragilityRate:
     def __call__(self, intensity: Any) -> FragilityRate:
         """Itself: the intensity is that of the fragility."""
         if intensity is not None:
-            raise InvalidInput(_OWNER, "intensity", "", "must be None: a fragility has its own")
+            raise InvalidInput("intensity", "", "must be None: a fragility has its own")
         return self
 
     def annual_rate(self, confidence: float) -> AnnualRate:
@@ -219,7 +218,7 @@ class FragilityRate:
         if not np.isfinite([*rates, *slopes.flat]).all():
             rule = f"must be nearer to the curve's intensities, {im[0]:.4g} to {im[-1]:.4g}:"
             rule = f"of the fragility {rule} continued to it, the curve has no finite rate"
-            raise InvalidInput("HazardCurve.annual_rate_of", "median", f"{curve.median:.4g}", rule)
+            raise InvalidInput("median", f"{curve.median:.4g}", rule)
         slope = slopes.sum(axis=0)
         least, below, above = float(rates[1:-1].sum()), float(rates[0]), float(rates[-1])
         value, most = float(rates.sum()), self.points.annual_rate[-1]
@@ -280,9 +279,9 @@ class SamplesRate:
     def __post_init__(self) -> None:
         if not (x := self.intensity[self.hits]).size:
             rule = "must pound, for the rate to have intensities"
-            raise InvalidInput(_OWNER, "a sample", "", rule)
+            raise InvalidInput("a sample", "", rule)
         valid = (x > 0) & np.isfinite(x)
-        enforce(_OWNER, [Rule("intensity", x, valid, "positive and finite in samples that pound")])
+        enforce([Rule("intensity", x, valid, "positive and finite in samples that pound")])
 
     def edges(self, bands: int) -> np.ndarray:
         """Edges of so many bands of one ratio that hold all samples that pound."""
@@ -333,7 +332,7 @@ def of_event(rate: float, event: RareEvent, intensity: Any) -> SamplesRate:
     names = parameter_names(scenarios) if intensity is None or isinstance(intensity, str) else ()
     if intensity is None:
         options = f"a parameter, {', '.join(names[-6:])}, or a number for each sample"
-        raise InvalidInput(_OWNER, "intensity", "None", f"must be {options}, of a rare event")
+        raise InvalidInput("intensity", "None", f"must be {options}, of a rare event")
     if names:
         values = jax.jit(jax.vmap(lambda z: parameters(scenarios, z)))(samples.points)
     measure, x = _named(intensity, values, names, len(samples))
@@ -346,9 +345,9 @@ def _named(intensity: Any, values: Any, names: Sequence[str], n: int) -> tuple[s
     if isinstance(intensity, str):
         if intensity not in values:
             rule = f"unknown intensity = {intensity!r}; {hint(intensity, names)}"
-            raise InvalidInput(_OWNER, "", "", rule)
+            raise InvalidInput("", "", rule)
         return intensity, np.asarray(values[intensity], float)
-    return "intensity", array(_OWNER, "intensity", intensity, (n,))
+    return "intensity", array("intensity", intensity, (n,))
 
 
 def gap_of_rate(
@@ -378,7 +377,7 @@ def gap_of_rate(
         rates = " to ".join(f"{target * np.exp(x):.4g}" for x in ends) or "none"
         rule = "must be the rate of pounding at a gap at which a fragility can be fitted"
         rule = f"{target:.4g} a year, {rule}: of these there are {rates}"
-        raise InvalidInput("HazardCurve.required_gap", "the target,", "", rule)
+        raise InvalidInput("the target,", "", rule)
     last = max(i for i, x in enumerate(excesses) if x > 0)
     root = float(brentq(log_excess, logs[last], logs[last + 1], xtol=1e-6))
     slope = (log_excess(root + _STEP_OF_GAP) - log_excess(root - _STEP_OF_GAP)) / (2 * _STEP_OF_GAP)

@@ -45,22 +45,21 @@ def fit_capacities(
     >>> round(curve.median, 3), round(curve.dispersion, 3)
     (0.313, 0.402)
     """
-    owner = "fit_capacities"
-    im = array(owner, "capacities", capacities, (-1,))
-    enforce(owner, [Rule("capacities", im, im > 0, "positive")])
+    im = array("capacities", capacities, (-1,))
+    enforce([Rule("capacities", im, im > 0, "positive")])
     reached = np.isfinite(im)
     if not reached.all() and analysed is None:
-        raise InvalidInput(owner, "analysed", "None", "must be given where a capacity is infinite")
-    limits = array(owner, "analysed", np.inf if analysed is None else analysed, (), im.shape)
+        raise InvalidInput("analysed", "None", "must be given where a capacity is infinite")
+    limits = array("analysed", np.inf if analysed is None else analysed, (), im.shape)
     limits = np.broadcast_to(limits, im.shape)
     rule = "positive, and finite where a capacity is not"
-    enforce(owner, [Rule("analysed", limits, (limits > 0) & (reached | np.isfinite(limits)), rule)])
+    enforce([Rule("analysed", limits, (limits > 0) & (reached | np.isfinite(limits)), rule)])
     finite = np.sort(im[reached])
     n, m = im.size, finite.size
     if m < 2 or finite[0] == finite[-1]:
         fault = "equal" if m > 1 else f"known of {m} of {n}"
         rule = f"must differ, of at least 2 records; they are {fault}"
-        raise InvalidInput(owner, "capacities", "", rule)
+        raise InvalidInput("capacities", "", rule)
     line = regression(np.ones((n, 1)), np.log(np.where(reached, im, limits)), ~reached)
     above = f", {n - m} more above what was analysed" if n > m else ""
     curve = float(np.exp(line.coefficients[0])), line.sigma, line.covariance

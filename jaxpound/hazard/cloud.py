@@ -58,7 +58,7 @@ class Cloud(Shown):
 
     def median(self, intensity: ArrayLike) -> np.ndarray:
         """Median demand e^a im^b at intensities > 0, of their shape."""
-        (im,) = positive("Cloud.median", intensity=intensity)
+        (im,) = positive(intensity=intensity)
         return np.asarray(np.exp(self.intercept) * np.asarray(im, float) ** self.slope)
 
     def fragility(self, threshold: float | None = None) -> Fragility:
@@ -69,13 +69,12 @@ class Cloud(Shown):
         ``ValueError`` if there is none or it is not positive, or the demand does not grow with the
         intensity.
         """
-        owner = "Cloud.fragility"
         threshold = self.threshold if threshold is None else threshold
         if threshold is None:
-            raise InvalidInput(owner, "threshold", "None", "must be a number: the cloud has none")
-        positive_number(owner, threshold=threshold)
+            raise InvalidInput("threshold", "None", "must be a number: the cloud has none")
+        positive_number(threshold=threshold)
         a, b, sigma = self.intercept, self.slope, self.dispersion
-        enforce(owner, [Rule("slope b", b, b > 0, "positive: the demand grows with intensity")])
+        enforce([Rule("slope b", b, b > 0, "positive: the demand grows with intensity")])
         log_median = (np.log(threshold) - a) / b
         to = np.array([[-1 / b, -log_median / b, 0.0], [0.0, -sigma / b**2, 1 / b]])
         reached = (self.demand >= threshold).astype(int)
@@ -138,22 +137,21 @@ def fit_cloud(
     >>> round(curve.median, 3), round(curve.dispersion, 3)
     (0.371, 0.148)
     """
-    owner = "fit_cloud"
-    im, y = (np.asarray(x, float) for x in positive(owner, intensity=intensity, demand=demand))
+    im, y = (np.asarray(x, float) for x in positive(intensity=intensity, demand=demand))
     if im.ndim != 1 or y.shape != im.shape:
-        raise InvalidInput(owner, f"intensity {im.shape} and demand {y.shape}", "", "must be (n,)")
+        raise InvalidInput(f"intensity {im.shape} and demand {y.shape}", "", "must be (n,)")
     bound = np.full(im.shape, np.inf)
     if limit is not None:
-        (limit,) = positive(owner, limit=array(owner, "limit", limit, (), im.shape))
+        (limit,) = positive(limit=array("limit", limit, (), im.shape))
         bound = np.broadcast_to(limit, im.shape)
     censored = y >= bound
     if (~censored).sum() < 3 or np.ptp(im[~censored]) == 0:
         rule = "must hold those of at least 3 records of different intensity, below the limit"
-        raise InvalidInput(owner, "demand", "", rule)
+        raise InvalidInput("demand", "", rule)
     y = np.minimum(y, bound)
     line = regression(np.column_stack([np.ones_like(im), np.log(im)]), np.log(y), censored)
     rule = "positive: demands that are a power of the intensity leave nothing to estimate"
-    enforce(owner, [Rule("dispersion σ", line.sigma, line.sigma > _LEAST_SIGMA, rule)])
+    enforce([Rule("dispersion σ", line.sigma, line.sigma > _LEAST_SIGMA, rule)])
     return Cloud(im, y, censored, line, measure=measure)
 
 
@@ -171,15 +169,14 @@ def cloud_analysis(
     several links differ. ``limit``, in the demand's unit, is as of ``fit_cloud``, ``store`` and
     ``progress`` as of ``incremental_dynamic_analysis``, and so are errors.
     """
-    owner = "cloud_analysis"
-    level, name, words, topology = single_suite(owner, analysis).about
+    level, name, words, topology = single_suite(analysis).about
     if name == named.OVERLAP:
         rule = "must be a gap: those at rest of the links differ, and overlaps have no logarithm"
-        raise InvalidInput(owner, "threshold", "None", rule)
+        raise InvalidInput("threshold", "None", rule)
     if analysis.threshold is not None:
-        positive_number(owner, threshold=analysis.threshold)
+        positive_number(threshold=analysis.threshold)
     im = analysis.unscaled
-    runs = SuiteRuns(owner, analysis, im, store, progress)
+    runs = SuiteRuns(analysis, im, store, progress)
     with runs.bar:
         demands, _ = runs.run(np.arange(len(im)), im)
     cloud = fit_cloud(im, demands, limit, measure=words)

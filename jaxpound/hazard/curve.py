@@ -68,10 +68,9 @@ class HazardCurve(Shown):
     measure: str = "im"
 
     def __post_init__(self) -> None:
-        owner = "HazardCurve"
-        points = CurvePoints.of(owner, self.intensity, self.annual_rate)
-        instance(owner, "measure", self.measure, str)
-        warn(owner, points.doubts(Measure.of_text(self.measure)), strict=False)
+        points = CurvePoints.of(self.intensity, self.annual_rate)
+        instance("measure", self.measure, str)
+        warn(points.doubts(Measure.of_text(self.measure)), strict=False)
         object.__setattr__(self, "intensity", points.intensity)
         object.__setattr__(self, "annual_rate", points.annual_rate)
 
@@ -93,9 +92,8 @@ class HazardCurve(Shown):
         site
             The row, from 0, or the site's name in a file of the USGS; needed if there are several.
         """
-        points = read_hazard(file, site)
-        with renamed(f"HazardCurve.read: {file}"):
-            return HazardCurve(*points)
+        with renamed(str(file)):
+            return HazardCurve(*read_hazard(file, site))
 
     @property
     def slope(self) -> np.ndarray:
@@ -104,7 +102,7 @@ class HazardCurve(Shown):
 
     def rate(self, intensity: ArrayLike) -> np.ndarray:
         """Mean annual rate of exceeding intensities > 0, of their shape."""
-        (im,) = positive("HazardCurve.rate", intensity=intensity)
+        (im,) = positive(intensity=intensity)
         piece = self._points.piece(im)
         return self.annual_rate[piece] * (im / self.intensity[piece]) ** -self.slope[piece]
 
@@ -113,7 +111,7 @@ class HazardCurve(Shown):
 
         Earthquakes are a Poisson process.
         """
-        (years,) = positive_number("HazardCurve.probability", years=years)
+        (years,) = positive_number(years=years)
         return -np.expm1(-self.annual_rate * years)
 
     def intensity_at(self, probability: float, years: float = 50.0) -> float:
@@ -121,13 +119,12 @@ class HazardCurve(Shown):
 
         Raises ``ValueError`` if the rate is beyond the ends: the curve is not extrapolated.
         """
-        owner = "HazardCurve.intensity_at"
-        rate = rate_of(owner, probability, years)
+        rate = rate_of(probability, years)
         most, least = self.annual_rate[0], self.annual_rate[-1]
         if not least * (1 - _ROUNDING) <= rate <= most * (1 + _ROUNDING):
             rule = f"in {years:.4g} years has an annual rate of {rate:.4g}, which must be one of"
             rule = f"{rule} the curve's, {least:.4g} to {most:.4g}"
-            raise InvalidInput(owner, "probability", f"{probability:.4g}", rule)
+            raise InvalidInput("probability", f"{probability:.4g}", rule)
         falling = np.log(self.annual_rate[::-1]), np.log(self.intensity[::-1])
         return float(np.exp(np.interp(np.log(rate), *falling)))
 
@@ -170,21 +167,20 @@ class HazardCurve(Shown):
             True if a user-defined function draws the intensities of a study or a ``RareEvent`` so
             that they follow this curve, which cannot be checked.
         """
-        owner = "HazardCurve.annual_rate_of"
-        require_share(owner, "confidence", confidence)
-        instance(owner, "pounding", pounding, Fragility, Estimate, Study, RareEvent)
+        require_share("confidence", confidence)
+        instance("pounding", pounding, Fragility, Estimate, Study, RareEvent)
         for name, value in (("gap", gap), ("link", link)):
             if value is not None and not isinstance(pounding, Study):
                 rule = "must be None: pounding is not a study"
-                raise InvalidInput(owner, name, repr(value), rule)
+                raise InvalidInput(name, repr(value), rule)
         if isinstance(pounding, Fragility):
             measure = Measure.of_text(pounding.measure)
-            _require_measure(owner, self.measure, "the fragility", measure)
+            _require_measure(self.measure, "the fragility", measure)
             return self._rate_of(pounding, confidence)
         often = float(self.annual_rate[0])
         if isinstance(pounding, Study | RareEvent) and not drawn:
             instead = "a fragility, such as study.fragility('pga')"
-            _require_drawn(owner, self._points, pounding, instead)
+            _require_drawn(self._points, pounding, instead)
         if isinstance(pounding, Study):
             estimate = pounding.pounding_probability(gap, confidence, link=link)
             cov = pounding.pounding_cov(gap, link=link)
@@ -234,21 +230,20 @@ class HazardCurve(Shown):
             share of the earthquakes nearer to it, in ratio, than to its neighbours, spread over its
             samples.
         """
-        owner = "HazardCurve.weights"
-        im = np.atleast_1d(np.asarray(real(owner, "intensity", intensity), float))
+        im = np.atleast_1d(np.asarray(real("intensity", intensity), float))
         finished = ~np.isnan(im)
         weights, im = np.full(im.shape, np.nan), im[finished]
-        positive(owner, intensity=im)
+        positive(intensity=im)
         if drawn_from is not None:
-            instance(owner, "drawn_from", drawn_from, Distribution)
+            instance("drawn_from", drawn_from, Distribution)
             drawn = density(drawn_from, im)
-            enforce(owner, [Rule("intensity", im, drawn > 0, "one that drawn_from can draw")])
+            enforce([Rule("intensity", im, drawn > 0, "one that drawn_from can draw")])
             weights[finished] = density(self.distribution(), im) / drawn
         else:
             stripes, stripe, size = np.unique(im, return_inverse=True, return_counts=True)
             if stripes.size < 2:
                 rule = f"of {stripes.size} stripe must be of two or more"
-                raise InvalidInput(owner, "intensity", "", rule)
+                raise InvalidInput("intensity", "", rule)
             inner = np.maximum(np.sqrt(stripes[1:] * stripes[:-1]), self.intensity[0])
             exceeded = np.r_[self.annual_rate[0], self.rate(inner), 0.0]
             weights[finished] = (-np.diff(exceeded) / exceeded[0] * im.size / size)[stripe]
@@ -286,21 +281,20 @@ class HazardCurve(Shown):
         link, confidence, drawn
             See ``annual_rate_of``.
         """
-        owner = "HazardCurve.required_gap"
-        instance(owner, "study", study, Study)
-        require_share(owner, "confidence", confidence)
-        target = rate_of(owner, probability, years)
+        instance("study", study, Study)
+        require_share("confidence", confidence)
+        target = rate_of(probability, years)
         if intensity is None:
             if not drawn:
-                _require_drawn(owner, self._points, study, "intensity, such as 'pga'")
+                _require_drawn(self._points, study, "intensity, such as 'pga'")
             if (share := target / self.annual_rate[0]) >= 1:
                 most = f"{self.annual_rate[0]:.4g}"
                 rule = f"in {years:.4g} years, {target:.4g}, must be below the curve's largest rate"
                 name = "the annual rate of probability"
-                raise InvalidInput(owner, name, f"{probability:.4g}", f"{rule}, {most}")
+                raise InvalidInput(name, f"{probability:.4g}", f"{rule}, {most}")
             return study.required_gap(float(share), confidence, link=link)
         column = f"the study's column {intensity!r}"
-        _require_measure(owner, self.measure, column, study.measure(intensity))
+        _require_measure(self.measure, column, study.measure(intensity))
 
         def annual_rate(gap: float) -> AnnualRate:
             return self._rate_of(study.fragility(intensity, gap, link=link), confidence)
@@ -317,15 +311,15 @@ class HazardCurve(Shown):
         return [TextTable("Seismic hazard: rates of exceedance", columns, rows, digits=4)]
 
 
-def _require_measure(owner: str, text: str, source: str, measure: Measure) -> None:
+def _require_measure(text: str, source: str, measure: Measure) -> None:
     """An ``InvalidInput`` if a curve has another measure or unit than ``source``, or a warning."""
     of_curve, unit = Measure.of_text(text), measure.unit
     curve, other = f"measure = {text!r}", f"{source}, {measure}"
     if not of_curve.may_be(measure):
-        raise InvalidInput(owner, "measure", repr(text), f"must be that of {other}")
+        raise InvalidInput("measure", repr(text), f"must be that of {other}")
     rule = f"be in the unit of {source}, {unit}: convert the curve's intensities and name them so"
     if of_curve.unit and unit and of_curve.unit not in units_like(unit):
-        raise InvalidInput(owner, "measure", repr(text), f"must {rule}")
+        raise InvalidInput("measure", repr(text), f"must {rule}")
     doubts = []
     if unit not in ("", _DEFAULT_UNIT) and not of_curve.unit:
         doubts.append(f"{curve} names no unit; it should {rule}")
@@ -334,16 +328,16 @@ def _require_measure(owner: str, text: str, source: str, measure: Measure) -> No
     if of_curve.name == measure.name and (of_curve.period is None) != (measure.period is None):
         silent, reference = (curve, other) if of_curve.period is None else (f"{other},", curve)
         doubts.append(f"{silent} names no period; it should be that of {reference}")
-    warn(owner, doubts, strict=False)
+    warn(doubts, strict=False)
 
 
-def _require_drawn(owner: str, curve: CurvePoints, source: Study | RareEvent, instead: str) -> None:
+def _require_drawn(curve: CurvePoints, source: Study | RareEvent, instead: str) -> None:
     """An ``InvalidInput`` that offers ``instead`` unless intensities follow a hazard curve."""
     if not is_drawn(curve, source):
         name = f"intensities of the {'study' if isinstance(source, Study) else 'rare event'}"
         rule = "must be drawn by HazardCurve.distribution of this curve, or weighed by its "
         rule += f"HazardCurve.weights, and are not known to be; give {instead}, or drawn=True if"
-        raise InvalidInput(owner, name, "", f"{rule} they follow this curve")
+        raise InvalidInput(name, "", f"{rule} they follow this curve")
 
 
 def is_drawn(curve: tuple[np.ndarray, np.ndarray], source: Study | RareEvent) -> bool:

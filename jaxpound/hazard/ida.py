@@ -159,14 +159,13 @@ def incremental_dynamic_analysis(
     >>> round(curve.median, 3), round(curve.dispersion, 3)
     (0.076, 0.308)
     """
-    owner = "incremental_dynamic_analysis"
-    levels = rising_intensities(owner, intensities)
+    levels = rising_intensities(intensities)
     if refine not in _REFINEMENTS:
         rule = f"unknown refine = {refine!r}; {hint(refine, _REFINEMENTS)}"
-        raise InvalidInput(owner, "", "", rule)
-    tolerance = float(number(owner, "tolerance", tolerance))
-    enforce(owner, [Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "from 1e-9 to below 1")])
-    runs = SuiteRuns(owner, single_suite(owner, analysis), levels[-1], store, progress)
+        raise InvalidInput("", "", rule)
+    tolerance = float(number("tolerance", tolerance))
+    enforce([Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "from 1e-9 to below 1")])
+    runs = SuiteRuns(single_suite(analysis), levels[-1], store, progress)
     n, with_zero = len(analysis.suite), np.append(0.0, levels)
     with runs.bar:
         demands, _ = runs.run(np.repeat(np.arange(n), with_zero.size), np.tile(with_zero, n))
@@ -174,7 +173,7 @@ def incremental_dynamic_analysis(
         excess = demands - runs.threshold
         if (excess[:, 0] >= 0).any():
             rule = f"must be above {demands[:, 0].max():.6g}, what the demand is without shaking"
-            raise InvalidInput(owner, "threshold", f"{runs.threshold:.6g}", rule)
+            raise InvalidInput("threshold", f"{runs.threshold:.6g}", rule)
         brackets = Brackets.of(with_zero, excess)
         capacities = _REFINEMENTS[refine](runs, brackets, tolerance, demands.size)
         runs.bar.set_postfix_str(f"{n} of {n} records")

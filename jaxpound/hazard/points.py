@@ -16,7 +16,7 @@ from scipy import special
 
 from jaxpound import _checks
 from jaxpound._checks import Rule, did_you_mean, enforce, positive_number, real
-from jaxpound._errors import InvalidInput
+from jaxpound._errors import InvalidInput, renamed
 from jaxpound.ground.measure import Measure, units_like
 
 LEAST_RATE = 1e-100  # smaller annual rates are rounding errors of the program that wrote them
@@ -34,13 +34,13 @@ class CurvePoints(NamedTuple):
     annual_rate: np.ndarray  # shape (m,)
 
     @staticmethod
-    def of(owner: str, intensity: Any, annual_rate: Any) -> CurvePoints:
+    def of(intensity: Any, annual_rate: Any) -> CurvePoints:
         """Points that obey the rules of a hazard curve; see ``HazardCurve``."""
-        im = np.array(real(owner, "intensity", intensity), float)
-        rate = np.array(real(owner, "annual_rate", annual_rate), float)
+        im = np.array(real("intensity", intensity), float)
+        rate = np.array(real("annual_rate", annual_rate), float)
         if im.ndim != 1 or im.size < 2 or rate.shape != im.shape:
             shapes = f"intensity {im.shape} and annual_rate {rate.shape}"
-            raise InvalidInput(owner, shapes, "", "must be (m,), of one length m ≥ 2")
+            raise InvalidInput(shapes, "", "must be (m,), of one length m ≥ 2")
         ranges = "from {:g} to {:g}".format(*_SIZES), "from {:g} to {:g} a year".format(*_RATES)
         falls = "no larger than the one before: a hazard curve falls as the intensity grows"
         rules = [
@@ -49,7 +49,7 @@ class CurvePoints(NamedTuple):
             Rule("intensity", im, np.r_[True, np.diff(im) > 0], "larger than the one before"),
             Rule("annual_rate", rate, np.r_[True, np.diff(rate) <= 0], falls),
         ]
-        enforce(owner, rules)
+        enforce(rules)
         return CurvePoints(im, rate)
 
     @property
@@ -137,7 +137,7 @@ class HazardIntensity:
         if not before > last:
             rule = "of the highest intensity must be smaller than that of the one before"
             rule = f"{rule}, {before:.8g}"
-            raise InvalidInput("HazardIntensity", "annual_rate", f"{last:.8g}", rule)
+            raise InvalidInput("annual_rate", f"{last:.8g}", rule)
 
     def from_normal(self, z: Any) -> Any:
         """The intensity that is exceeded with probability Φ(−z)."""
@@ -184,10 +184,10 @@ class HazardWeights(np.ndarray):
         return result[()] if result.ndim == 0 else result
 
 
-def rate_of(owner: str, probability: float, years: float) -> float:
+def rate_of(probability: float, years: float) -> float:
     """Annual rate of an event of this probability within years: −ln(1 − p) / years."""
-    _checks.require_share(owner, "probability", probability)
-    (years,) = positive_number(owner, years=years)
+    _checks.require_share("probability", probability)
+    (years,) = positive_number(years=years)
     return float(-np.log1p(-probability) / years)
 
 
@@ -195,8 +195,11 @@ def read_hazard(
     file: str | PathLike[str], site: int | str | None, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """Fields of ``HazardCurve.read``, with rows of sites counted from ``first``."""
-    path = Path(file)
-    owner = f"HazardCurve.read: {path}"
+    with renamed(str(file)):
+        return _read(Path(file), site, first)
+
+
+def _read(path: Path, site: int | str | None, first: int) -> tuple[np.ndarray, np.ndarray, str]:
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     header = lines[0] if lines and lines[0].startswith("#") else ""
     rows = [row for row in csv.reader(lines[bool(header) :]) if any(row)]
@@ -204,24 +207,24 @@ def read_hazard(
     levels = [i for i, name in enumerate(names) if name not in _PLACES]
     if not {"lon", "lat"} <= set(names) or len(levels) < 2 or len(rows) < 2:
         rule = "a line of names, lon and lat and the intensities (OpenQuake: poe-0.1), above sites"
-        raise ValueError(f"{owner} must hold {rule}")
-    row = _site(owner, names, rows[1:], site, first)
-    im = np.array([_number(owner, names[i].removeprefix("poe-")) for i in levels])
-    value = np.array([_number(owner, row[i]) for i in levels])
+        raise InvalidInput("", "", f"must hold {rule}")
+    row = _site(names, rows[1:], site, first)
+    im = np.array([_number(names[i].removeprefix("poe-")) for i in levels])
+    value = np.array([_number(row[i]) for i in levels])
     usable = value >= LEAST_RATE
     if any(name.startswith("poe-") for name in names):
         if ((value < 0) | (value > 1)).any():
-            raise InvalidInput(owner, "probabilities", "", "must be from 0 to 1")
+            raise InvalidInput("probabilities", "", "must be from 0 to 1")
         usable &= value < 1
         match = re.search(r"investigation_time=([\d.eE+-]+)", header)
         years = float(match[1]) if match else 0.0
         if not years > 0:
             rule = "must be given above the names (investigation_time=50.0), in years"
-            raise InvalidInput(owner, "investigation_time", "", rule)
+            raise InvalidInput("investigation_time", "", rule)
         value = -np.log1p(-np.where(usable, value, 0.0)) / years
     if usable.sum() < 2:
         rule = "two intensities or more whose rate is given and above 0"
-        raise InvalidInput(owner, "the site", "", f"must have {rule}")
+        raise InvalidInput("the site", "", f"must have {rule}")
     # The measure with its unit, from the header or the name of a USGS file's folder.
     match = re.search(r"imt='([^']+)'", header)
     measure = match[1] if match else path.parent.name
@@ -233,33 +236,31 @@ def read_hazard(
     return im[usable], value[usable], words
 
 
-def _site(
-    owner: str, names: list[str], rows: list[list[str]], site: int | str | None, first: int
-) -> list[str]:
+def _site(names: list[str], rows: list[list[str]], site: int | str | None, first: int) -> list[str]:
     sites = [row[names.index("name")] for row in rows] if "name" in names else []
     if site is None:
         if len(rows) > 1:
             listed = f": {', '.join(sites[:6])}{', …' * (len(sites) > 6)}" if sites else ""
             rule = f"must be one of {len(rows)}, from {first}{listed}"
-            raise InvalidInput(owner, "site", "", rule)
+            raise InvalidInput("site", "", rule)
         site = first
     if isinstance(site, str):
         if site not in sites:
             guess = f"; {did_you_mean(site, sites)}" if did_you_mean(site, sites) else ""
-            raise InvalidInput(owner, "site", repr(site), f"must be a name in the file{guess}")
+            raise InvalidInput("site", repr(site), f"must be a name in the file{guess}")
         site = first + sites.index(site)
     if not (_checks.is_whole(site) and first <= site < first + len(rows)):
         rule = f"must be a row from {first} to {first + len(rows) - 1}"
-        raise InvalidInput(owner, "site", repr(site), rule)
+        raise InvalidInput("site", repr(site), rule)
     row = rows[site - first]
     if len(row) != len(names):
         rule = f"with {len(row)} numbers and names must have one for each of {len(names)}"
-        raise InvalidInput(owner, f"site {site}", "", rule)
+        raise InvalidInput(f"site {site}", "", rule)
     return row
 
 
-def _number(owner: str, text: str) -> float:
+def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InvalidInput(owner, repr(text), "", "must be a number") from None
+        raise InvalidInput(repr(text), "", "must be a number") from None

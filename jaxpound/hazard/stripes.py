@@ -76,18 +76,17 @@ def multiple_stripes(
     ``incremental_dynamic_analysis``, and so are errors; it also raises ``ValueError`` if the
     numbers of suites and intensities differ.
     """
-    owner = "multiple_stripes"
-    instance(owner, "analysis", analysis, Analysis)
-    levels = rising_intensities(owner, intensities)
+    instance("analysis", analysis, Analysis)
+    levels = rising_intensities(intensities)
     numbers = analysis.numbers * levels.size if len(analysis.numbers) == 1 else analysis.numbers
     if len(numbers) != levels.size:
         rule = f"must be {levels.size}, one an intensity"
-        raise InvalidInput(owner, f"{len(numbers)} suites", "", rule)
+        raise InvalidInput(f"{len(numbers)} suites", "", rule)
     sizes = [len(suite) for suite in numbers]
     rows, at = np.concatenate(numbers), np.repeat(levels, sizes)
     highest = np.zeros(len(analysis.suite))
     np.maximum.at(highest, rows, at)
-    runs = SuiteRuns(owner, analysis, highest, store, progress)
+    runs = SuiteRuns(analysis, highest, store, progress)
     with runs.bar:
         demands, _ = runs.run(rows, at)
     return Stripes(levels, tuple(np.split(demands, np.cumsum(sizes)[:-1])), *analysis.about)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from tqdm.auto import tqdm
 
 from jaxpound._checks import Rule, array, enforce, positive
-from jaxpound._errors import warn
+from jaxpound._errors import caller, warn
 from jaxpound._xla.batches import in_chunks, runs_at_a_time
 from jaxpound.ground.record import stacked
 from jaxpound.hazard.analysis import Analysis
@@ -25,11 +25,11 @@ _COLUMNS = ("record", "factor", "has_slope", "demand", "slope")  # the first thr
 _ROWS = 256  # of a file
 
 
-def rising_intensities(owner: str, intensities: Any) -> Float[np.ndarray, " k"]:
+def rising_intensities(intensities: Any) -> Float[np.ndarray, " k"]:
     """Rising intensities > 0 as an array; an ``InvalidInput`` for anything else."""
-    levels = array(owner, "intensities", intensities, (-1,))
-    positive(owner, intensities=levels)
-    enforce(owner, [Rule("intensities", levels, np.append(True, np.diff(levels) > 0), "rising")])
+    levels = array("intensities", intensities, (-1,))
+    positive(intensities=levels)
+    enforce([Rule("intensities", levels, np.append(True, np.diff(levels) > 0), "rising")])
     return levels
 
 
@@ -40,16 +40,10 @@ class SuiteRuns:
     """
 
     def __init__(
-        self,
-        owner: str,
-        analysis: Analysis,
-        highest: Any,
-        store: str | PathLike[str] | None,
-        progress: bool,
+        self, analysis: Analysis, highest: Any, store: str | PathLike[str] | None, progress: bool
     ) -> None:
-        warn(owner, analysis.excessive(highest), analysis.strict)
+        warn(analysis.excessive(highest), analysis.strict)
         self.analysis, self.threshold = analysis, analysis.event[1]
-        self._owner = owner
         self._log = None if store is None else RunLog(store, _description(analysis))
         stored = self._log.rows if self._log else dict.fromkeys(_COLUMNS, np.empty(0))
         self._finished = _by_run(np.column_stack([stored[name] for name in _COLUMNS]))
@@ -84,7 +78,7 @@ class SuiteRuns:
             i, name = int(np.argmin(finite)), self.analysis.event[0]
             place = f"{self.analysis.suite.names[records[i]]!r} at {intensities[i]:.6g}"
             rule = f"{name} must be finite, but is {demands[i]}"
-            raise FloatingPointError(f"{self._owner}: {place}: {rule}")
+            raise FloatingPointError(f"{caller()}: {place}: {rule}")
         return np.stack([demands, by_factor / unscaled])
 
 

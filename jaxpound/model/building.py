@@ -94,15 +94,14 @@ class Building(BatchInSI):
         >>> [f"{b.dynamic_stiffness:.4g} N/m" for b in (fractional, viscous)]
         ['2.437e+07 N/m', '2.437e+07 N/m']
         """
-        owner = "Building.from_period"
-        mass, period = positive(owner, mass=mass, period=period)
-        (zeta,) = not_negative(owner, damping_ratio=damping_ratio)
-        enforce(owner, [PERIOD.of("period", period), DAMPING.of("damping_ratio", zeta)])
+        mass, period = positive(mass=mass, period=period)
+        (zeta,) = not_negative(damping_ratio=damping_ratio)
+        enforce([PERIOD.of("period", period), DAMPING.of("damping_ratio", zeta)])
         order = ZenerRod(order, 1.0, 1.0).order
         omega = 2 * np.pi / period
         size = omega**order
         tau_f = 0.01 / size if tau_f is None else ZenerRod(order, tau_f, tau_f).tau_f
-        require_batch(owner, mass=mass, period=period, damping_ratio=zeta, order=order, tau_f=tau_f)
+        require_batch(mass=mass, period=period, damping_ratio=zeta, order=order, tau_f=tau_f)
         xp = jnp if is_traced((period, order)) else np
         c, s = size * xp.cos(np.pi / 2 * order), size * xp.sin(np.pi / 2 * order)
         # Loss − 2ζ storage = 0 is linear in τ_x (numerators of K* over |1 + τ_f (iω)^γ|²).
@@ -112,7 +111,7 @@ class Building(BatchInSI):
         if not is_traced((largest, gain)):
             first = np.argmin(gain > 0)  # the building that the message names
             rule += f", {np.broadcast_to(largest, np.shape(gain)).flat[first]:.8g}"
-        enforce(owner, [Rule("damping_ratio", zeta, gain > 0, rule)])
+        enforce([Rule("damping_ratio", zeta, gain > 0, rule)])
         # A sum of positive terms keeps τ_x ≥ τ_f to the last digit.
         tau_x = tau_f + 2 * zeta * (1 + 2 * tau_f * c + (tau_f * size) ** 2) / gain
         below = (1 + tau_f * c) ** 2 + (tau_f * s) ** 2

@@ -42,12 +42,11 @@ def pushover(building: ShearBuilding, ductility: float = 6.0) -> Pushover:
     >>> round(float(pushed.base_shear[-1])), (pushed.yields > 0).tolist()
     (1000000, [True, False, False])
     """
-    owner = "pushover"
-    instance(owner, "building", building, ShearBuilding)
-    storeys, most = building.storeys[: building.n_floors], number(owner, "ductility", ductility)
+    instance("building", building, ShearBuilding)
+    storeys, most = building.storeys[: building.n_floors], number("ductility", ductility)
     if not is_known_and_single(building) or all(storey.hysteresis is None for storey in storeys):
-        raise InvalidInput(owner, "building", "", "must yield, by single numbers, none traced")
-    enforce(owner, [Rule("ductility", most, (most > 1) & finite(most), "above 1 and finite")])
+        raise InvalidInput("building", "", "must yield, by single numbers, none traced")
+    enforce([Rule("ductility", most, (most > 1) & finite(most), "above 1 and finite")])
     shares = np.array(storey_shears(storeys, building.elevations, 1.0), float)
     softness = shares / np.array([storey.stiffness for storey in storeys])
     ramp = np.append(np.linspace(0, 1, _AT_YIELD + 1), np.linspace(1, most, 129)[1:])

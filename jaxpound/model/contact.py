@@ -214,7 +214,7 @@ class KelvinVoigt(_DampedLaw):
     def __post_init__(self) -> None:
         if not isinstance(self.tension, bool | np.bool_):
             rule = "must be True or False"
-            raise InvalidInput("KelvinVoigt", "tension", repr(self.tension), rule)
+            raise InvalidInput("tension", repr(self.tension), rule)
         object.__setattr__(self, "tension", bool(self.tension))
         super().__post_init__()
 
@@ -289,7 +289,7 @@ class HertzDamped(_DampedLaw):
     def __post_init__(self) -> None:
         if self.damping not in [*_DAMPING_FACTORS]:
             rule = f"must be the name of a law for Z; {hint(self.damping, _DAMPING_FACTORS)}"
-            raise InvalidInput("HertzDamped", "damping", repr(self.damping), rule)
+            raise InvalidInput("damping", repr(self.damping), rule)
         super().__post_init__()
 
     @property

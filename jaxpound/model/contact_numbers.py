@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from math import factorial
 from typing import Any
 
@@ -46,7 +47,7 @@ def contact_stiffness(
     length
         Length L > 0 of the floor in the direction of impact.
     storeys
-        Stiffness > 0 of the colliding storeys, two numbers.
+        Stiffness > 0 of the colliding storeys, two numbers or more.
 
     Examples
     --------
@@ -55,19 +56,17 @@ def contact_stiffness(
     >>> float(jp.contact_stiffness(storeys=(1.0, 2.5)))
     50.0
     """
-    owner, floor = "contact_stiffness", {"modulus": modulus, "area": area, "length": length}
+    floor = {"modulus": modulus, "area": area, "length": length}
     if (storeys is None) == all(x is None for x in floor.values()):
-        raise InvalidInput(owner, "", "", "give either modulus, area and length, or storeys")
+        raise InvalidInput("", "", "give either modulus, area and length, or storeys")
     if storeys is None:
-        modulus, area, length = positive(owner, **floor)
+        modulus, area, length = positive(**floor)
         return modulus * area / length
-    try:
-        left, right = storeys
-    except (TypeError, ValueError):
-        raise InvalidInput(owner, "storeys", repr(storeys), "must be two numbers") from None
-    left, right = positive(owner, **{"storeys.0": left, "storeys.1": right})
-    stiffer = larger(left, right) if is_traced((left, right)) else np.maximum(left, right)
-    return STIFFER_THAN_A_STOREY * stiffer
+    if not isinstance(storeys, Sequence | np.ndarray | jax.Array) or len(storeys) < 2:
+        raise InvalidInput("storeys", repr(storeys), "must be two numbers or more")
+    numbers = positive(**{f"storeys.{i}": storey for i, storey in enumerate(storeys)})
+    stiffer = larger if is_traced(numbers) else np.maximum
+    return STIFFER_THAN_A_STOREY * reduce(stiffer, numbers)
 
 
 @jax.jit

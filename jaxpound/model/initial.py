@@ -54,7 +54,7 @@ class InitialState:
         for name in ("displacements", "velocities"):
             if len(values := getattr(self, name)) not in (0, n):
                 rule = f"must be one number for each of {n} masses, or ()"
-                raise InvalidInput("initial", f"{name} of {len(values)} numbers", "", rule)
+                raise InvalidInput(f"initial: {name} of {len(values)} numbers", "", rule)
         return self.displacements or (0.0,) * n, self.velocities or (0.0,) * n
 
 
@@ -67,5 +67,5 @@ def initial_rules(initial: InitialState, system: System, dt: float) -> list[Rule
         if link.contact is not None:
             left = link.gap - along(ends, x)
             rule = "open, and stay so for a step: a law of contact starts apart"
-            rules.append(Rule(f"gap of {place}", left, left > dt * along(ends, v), rule))
+            rules.append(Rule(f"initial: gap of {place}", left, left > dt * along(ends, v), rule))
     return rules

@@ -11,7 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import Range, instance, is_whole, positive
+from jaxpound._checks import Range, as_tuple, instance, is_whole, positive
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._extrema import larger
 from jaxpound._fields import BatchInSI, parameter, pytree_dataclass
@@ -72,7 +72,7 @@ class FrictionPendulum(BatchInSI):
     def __post_init__(self) -> None:
         if self.fast_friction is None and self.rate is not None:
             rule = "must not be given without fast_friction: friction does not grow"
-            raise InvalidInput("FrictionPendulum", "rate", f"{self.rate}", rule)
+            raise InvalidInput("rate", f"{self.rate}", rule)
         if self.fast_friction is not None and self.rate is None:
             object.__setattr__(self, "rate", 50.0)
         super().__post_init__()
@@ -87,7 +87,7 @@ class FrictionPendulum(BatchInSI):
 
         Energy of a cycle over 2π times the secant stiffness times its square: 2/π μ/(μ + D/R).
         """
-        (size,) = positive("FrictionPendulum.damping_ratio", displacement=displacement)
+        (size,) = positive(displacement=displacement)
         return 2 / jnp.pi * self.friction / (self.friction + size / self.radius)
 
     def storey(self, base_mass: Any, weight: Any, gravity: Any = STANDARD_GRAVITY) -> Building:
@@ -139,7 +139,7 @@ class LeadRubber(BatchInSI):
 
         4 Q (D − e_y) over 2π times the secant stiffness times D²; 0 where they do not yield.
         """
-        (size,) = positive("LeadRubber.damping_ratio", displacement=displacement)
+        (size,) = positive(displacement=displacement)
         yields = larger(size - self.yield_displacement, 0.0)
         force = self.strength + size * self._stiffness(gravity)
         return 2 / jnp.pi * self.strength * yields / (force * size)
@@ -177,7 +177,7 @@ class MoatWall:
     contact: Any = None
 
     def __post_init__(self) -> None:
-        with renamed("MoatWall"):
+        with renamed():
             self.link(0)
 
     def link(self, building: int, **between: Any) -> FloorLink:
@@ -237,16 +237,17 @@ def on_bearings(
     >>> [f"{link.side}: {link.gap} m" for link in hospital.links]
     ['right: 0.3 m', 'left: 0.3 m']
     """
-    owner = "on_bearings"
-    instance(owner, "building", building, ShearBuilding, Building)
-    instance(owner, "bearing", bearing, FrictionPendulum, LeadRubber)
-    instance(owner, "wall", wall, MoatWall, NoneType)
-    base_mass, gravity = positive(owner, base_mass=base_mass, gravity=gravity)
+    instance("building", building, ShearBuilding, Building)
+    instance("bearing", bearing, FrictionPendulum, LeadRubber)
+    instance("wall", wall, MoatWall, NoneType)
+    base_mass, gravity = positive(base_mass=base_mass, gravity=gravity)
     if not (is_whole(number) and number >= 0):
-        raise InvalidInput(owner, "number", repr(number), "must be a whole number from 0 on")
+        raise InvalidInput("number", repr(number), "must be a whole number from 0 on")
+    for k, x in enumerate(as_tuple("links", links)):
+        instance(f"links.{k}", x, FloorLink)
     above = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
     weight = gravity * (base_mass + sum(storey.mass for storey in above.storeys))
-    with renamed(owner, {"mass": "base_mass", "heights.0": "height"}):
+    with renamed(names={"mass": "base_mass", "heights.0": "height"}):
         base = bearing.storey(base_mass, weight, gravity)
         storeys, heights = (base, *above.storeys), (height, *above.heights)
         on_bearings = ShearBuilding(storeys, heights, above.n_tuned)

@@ -39,10 +39,7 @@ def joints(system: System) -> tuple[Joint, ...]:
     """The joints of a system, in the order of their links."""
     opposite = {first: other for other, first in faces(system.topology).items()}
     return tuple(
-        Joint(
-            weighted(link),
-            (Face(k, 1), *([Face(opposite[k], -1)] if k in opposite else [])),
-        )
+        Joint(weighted(link), (Face(k, 1), *([Face(opposite[k], -1)] if k in opposite else [])))
         for k, link in enumerate(system.links)
         if k not in opposite.values()
     )

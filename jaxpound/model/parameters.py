@@ -80,12 +80,12 @@ _OF_BUILDINGS = {"buildings": "building", "rods": "storey", "masses": "floor", "
 
 def get(structures: Any, path: str) -> Any:
     """Value of a parameter."""
-    return _lookup(_table(structures), path, "get")[1]
+    return _lookup(_table(structures), path)[1]
 
 
 def put(structures: T, values: Mapping[str, Any]) -> T:
     """Structures with these parameters replaced, all at once; their rules are checked."""
-    require_paths("put", structures, values)
+    require_paths(structures, values)
     return replaced(structures, values)
 
 
@@ -121,7 +121,7 @@ def interval(
     return low, reduce(smaller, highs) if highs else math.inf
 
 
-def expanded(owner: str, structures: Any, by_pattern: Mapping[str, X]) -> dict[str, X]:
+def expanded(structures: Any, by_pattern: Mapping[str, X]) -> dict[str, X]:
     """Values by path, from values by path or pattern; a path takes precedence over patterns.
 
     Each pattern must match a path, and no path two patterns. The left faces of links of two faces
@@ -136,15 +136,15 @@ def expanded(owner: str, structures: Any, by_pattern: Mapping[str, X]) -> dict[s
             matched = [x for x in paths(structures) if fits.fullmatch(x) and x not in frictionless]
         if not matched:
             general = dict.fromkeys(re.sub(r"\.\d+\b", ".*", path) for path in paths(structures))
-            raise InvalidInput(owner, "", "", f"no path matches {key!r}; {_hint(key, general)}")
+            raise InvalidInput("", "", f"no path matches {key!r}; {_hint(key, general)}")
         for path in matched:
             if path != key and path in by_pattern:
                 continue
             if path in values:
                 patterns = f"{sources[path]!r} and {key!r}"
-                raise InvalidInput(owner, patterns, "", f"must not both match {path}")
+                raise InvalidInput(patterns, "", f"must not both match {path}")
             values[path], sources[path] = value, key
-    require_paths(owner, structures, values)
+    require_paths(structures, values)
     return values
 
 
@@ -153,23 +153,21 @@ def _table(structures: Any) -> dict[str, tuple[Parameter, Any]]:
     return {path: (parameter, x) for path, parameter, x in walk(structures, Parameter)}
 
 
-def require_paths(owner: str, structures: Any, names: Iterable[str]) -> None:
+def require_paths(structures: Any, names: Iterable[str]) -> None:
     """An ``InvalidInput`` for a path that names no parameter."""
     table = _table(structures)
     for path in names:
-        _lookup(table, path, owner)
+        _lookup(table, path)
 
 
-def _lookup(
-    table: Mapping[str, tuple[Parameter, Any]], path: str, owner: str = "parameters"
-) -> tuple[Parameter, Any]:
+def _lookup(table: Mapping[str, tuple[Parameter, Any]], path: str) -> tuple[Parameter, Any]:
     """The entry of a path; for a class ``*`` stands for any index."""
     if not isinstance(path, str):
-        raise InvalidInput(owner, "path", repr(path), "must be the name of a parameter")
+        raise InvalidInput("path", repr(path), "must be the name of a parameter")
     for key in (path, re.sub(r"\.\d+\b", ".*", path)):
         if key in table:
             return table[key]
-    raise InvalidInput(owner, "", "", f"unknown path {path!r}; {_hint(path, table)}")
+    raise InvalidInput("", "", f"unknown path {path!r}; {_hint(path, table)}")
 
 
 def _hint(path: str, available: Iterable[str]) -> str:

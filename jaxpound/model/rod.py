@@ -71,7 +71,7 @@ class ZenerRod(Batch):
 
     def natural_frequency(self, stiffness: ArrayLike = 1.0, mass: ArrayLike = 1.0) -> jax.Array:
         """Frequency ω_n of a block on the rod: mass ω_n² = stiffness Re K*(iω_n)."""
-        stiffness, mass = positive("natural_frequency", stiffness=stiffness, mass=mass)
+        stiffness, mass = positive(stiffness=stiffness, mass=mass)
         return _natural_frequency(self, stiffness / mass)
 
     def damping_ratio(self, stiffness: ArrayLike = 1.0, mass: ArrayLike = 1.0) -> jax.Array:

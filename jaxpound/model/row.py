@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from jaxpound.model.system import (
 )
 from jaxpound.model.topology import GROUND, Ends, Topology, faces, masses_of, ring
 from jaxpound.model.vibration import first_frequency
+from jaxpound.quantities import DIMENSIONLESS
 
 BETWEEN = ("friction", "gap", "contact", "damper", "velocity_friction", "inerter")
 """What a link has between its ends."""
@@ -84,22 +85,22 @@ class FloorLink:
     side: str = static(default="right")
 
     def __post_init__(self) -> None:
-        require_one_of("FloorLink", self.side, ("right", "left"), "side")
+        require_one_of(self.side, ("right", "left"), "side")
         for name in ("building", "floor", "next_floor", "next_building"):
             number, least = getattr(self, name), GROUND if name.startswith("next") else 0
             if number is None and least == GROUND:
                 continue
             if not (is_whole(number) and number >= least):
                 rule = "must be a whole number from 0 on" + (", or GROUND" if least else "")
-                raise InvalidInput("FloorLink", name, repr(number), rule)
+                raise InvalidInput(name, repr(number), rule)
             object.__setattr__(self, name, int(number))
         if GROUND in (self.next_floor, self.next_building):
             above = self.next_floor not in (None, GROUND)
             if above or self.next_building not in (None, self.building, GROUND):
                 name = "next_floor" if above else "next_building"
                 rule = "must be left out: the other end is the ground"
-                raise InvalidInput("FloorLink", name, str(getattr(self, name)), rule)
-        check_link(self, f"FloorLink {self}")
+                raise InvalidInput(name, str(getattr(self, name)), rule)
+        check_link(self, f"link {self}")
 
     more_rules = Link.more_rules
 
@@ -158,12 +159,13 @@ class Row:
 
     buildings: tuple[Storeys, ...] = part(Storeys, each=True)
     links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
+    units: ClassVar = DIMENSIONLESS
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "links", by_face(as_tuple("Row", "links", self.links)))
+        object.__setattr__(self, "links", by_face(as_tuple("links", self.links)))
         check(self)
         floors = [len(building.masses) for building in self.buildings]
-        require_floors(floors, self.links, LinkLabels("Row"))
+        require_floors(floors, self.links, LinkLabels())
 
     @property
     def natural_frequencies(self) -> tuple[Any, ...]:
@@ -229,25 +231,25 @@ def floor_links(
     >>> [str(link) for link in dampers + contact]
     ['1–2, floor 1', '1–2, floor 2', '2–3, floor 1', '2–3, floor 2']
     """
-    if len(buildings := as_tuple("floor_links", "buildings", buildings)) < 2:
+    if len(buildings := as_tuple("buildings", buildings)) < 2:
         name = f"buildings, {len(buildings)} of them,"
-        raise InvalidInput("floor_links", name, "", "must be two or more")
+        raise InvalidInput(name, "", "must be two or more")
     kinds = (Storeys,) if isinstance(buildings[0], Storeys) else (ShearBuilding, Building)
     for i, member in enumerate(buildings):
-        instance("floor_links", f"buildings.{i}", member, *kinds)
+        instance(f"buildings.{i}", member, *kinds)
     last = len(buildings) - 2
     if building is not None and not (is_whole(building) and 0 <= building <= last):
         rule = f"must be from 0 to {last}, a building with another on its right"
-        raise InvalidInput("floor_links", "building", repr(building), rule)
+        raise InvalidInput("building", repr(building), rule)
     lefts = range(last + 1) if building is None else [building]
-    common = meeting_floors("floor_links", buildings, lefts, gap)
+    common = meeting_floors(buildings, lefts, gap)
     n, between = len(common), {"friction": friction, "gap": gap, "contact": contact}
     for name, x in between.items():
         is_list = isinstance(x, list) or getattr(x, "ndim", 0) > 0
         is_list |= name == "friction" and isinstance(x, tuple)  # which has no faces
         if is_list and len(x) != n:
             rule = f"must be one for all links or {n}, one for each"
-            raise InvalidInput("floor_links", f"{name}, {len(x)} of them,", "", rule)
+            raise InvalidInput(f"{name}, {len(x)} of them,", "", rule)
         between[name] = x if is_list else [x] * n
     return tuple(map(FloorLink, *zip(*common, strict=True), *between.values()))
 
@@ -258,7 +260,7 @@ with low storeys it is a quarter of a storey."""
 
 
 def meeting_floors(
-    owner: str, buildings: Sequence[Any], lefts: Iterable[int], gap: Any
+    buildings: Sequence[Any], lefts: Iterable[int], gap: Any
 ) -> list[tuple[int, int, int]]:
     """Each building on the left of a gap with its common floors; warns of floors without one."""
     meeting, alone = list[tuple[int, int, int]](), list[str]()
@@ -266,7 +268,7 @@ def meeting_floors(
         pair = buildings[i : i + 2]
         if not (common := common_floors(*pair)):
             rule = f"must have floors at the same height, within {_SLAB} m; next_floor joins others"
-            raise InvalidInput(owner, f"buildings {i + 1} and {i + 2}", "", rule)
+            raise InvalidInput(f"buildings {i + 1} and {i + 2}", "", rule)
         meeting += [(i, *floors) for floors in common]
         in_metres = all(isinstance(building, ShearBuilding) for building in pair)
         for side, building in enumerate(pair if in_metres else ()):
@@ -277,7 +279,7 @@ def meeting_floors(
     if alone and any(map(is_closable, gap if isinstance(gap, tuple | list) else [gap])):
         finding = f"floors {' and '.join(alone)} have no floor of the neighbour within {_SLAB} m "
         finding += "and are not checked for pounding; next_floor joins others"
-        warn(owner, [finding], False)
+        warn([finding], False)
     return meeting
 
 
@@ -315,22 +317,22 @@ def common_floors(left: Any, right: Any) -> list[tuple[int, int]]:
 class LinkLabels(NamedTuple):
     """How messages name links and count floors."""
 
-    owner: str
     link: Callable[[int], str] = "links.{}".format
     """The name of link k."""
+    between: str = ": "
+    """What stands between a link and its field."""
     first: int = 0
     """The number of the first building and floor."""
 
     def invalid(self, k: int, name: str, value: Any, rule: str) -> InvalidInput:
         """The error for a field of link k."""
-        colon = ":" if self.owner else ""
-        return InvalidInput(self.owner, f"{self.link(k)}{colon} {name}", str(value), rule)
+        return InvalidInput(self.link(k) + self.between + name, str(value), rule)
 
 
 def require_floors(floors: Sequence[int], links: Sequence[FloorLink], labels: LinkLabels) -> None:
     """An ``InvalidInput`` without buildings, or for links that do not join floors of these."""
     if not floors:
-        raise InvalidInput(labels.owner, "buildings", "()", "must hold at least one building")
+        raise InvalidInput("buildings", "()", "must hold at least one building")
     first = labels.first
     for k, link in enumerate(links):
         ends = ((link.building, link.floor, ""), (link.other_building, link.other_floor, "next_"))
@@ -359,7 +361,7 @@ def _require_forest(floors: Sequence[int], links: Sequence[FloorLink], labels: L
     ends = tuple(_ends(link, starts) for link in links)
     topology = Topology(starts[-1], (), ends)
     for k in faces(topology):
-        require_face(labels.owner, f"{labels.link(k)}: ", links[k])
+        require_face(labels.link(k) + labels.between, links[k])
     if (closing := ring(topology)) is None:
         return
     rule = "must not close a ring with the links before it"
@@ -368,7 +370,7 @@ def _require_forest(floors: Sequence[int], links: Sequence[FloorLink], labels: L
             place = labels.link(k)
             rule = f"must not stand where {place} does: one link has friction, damper, gap and "
             rule += "contact, and gap=(left, right) makes one of two faces"
-    raise InvalidInput(labels.owner, f"{labels.link(closing)} ({links[closing]})", "", rule)
+    raise InvalidInput(f"{labels.link(closing)} ({links[closing]})", "", rule)
 
 
 def _first_floors(floors: Sequence[int]) -> list[int]:

@@ -68,16 +68,15 @@ class ShearBuilding:
     n_tuned: int = static(default=0, listed=bool)
 
     def __post_init__(self) -> None:
-        owner = "ShearBuilding"
         check(self)
-        require_storeys(owner, "storeys", self.storeys, self.n_tuned)
-        heights = _each(owner, "heights", self.heights, len(self.storeys))
+        require_storeys("storeys", self.storeys, self.n_tuned)
+        heights = _each("heights", self.heights, len(self.storeys))
         for i, height in enumerate(heights):
             name = f"heights.{i}"
-            if is_traced(positive_number(owner, **{name: height})):
+            if is_traced(positive_number(**{name: height})):
                 rule = "must be known, not traced: it does not enter the motion"
-                raise InvalidInput(owner, name, "", rule)
-            enforce(owner, [HEIGHT.of(name, height)])
+                raise InvalidInput(name, "", rule)
+            enforce([HEIGHT.of(name, height)])
         object.__setattr__(self, "heights", tuple(map(float, heights)))
 
     @classmethod
@@ -116,16 +115,15 @@ class ShearBuilding:
         >>> jp.ShearBuilding.of_storeys(masses, stiffnesses, 0.5, 1e-3, 0.05).n_floors
         3
         """
-        owner = "ShearBuilding.of_storeys"
-        masses = as_tuple(owner, "masses", masses)
+        masses = as_tuple("masses", masses)
         n = len(masses)
         rods = {"stiffnesses": stiffnesses, "order": order, "tau_f": tau_f, "tau_x": tau_x}
-        listed = [_each(owner, name, value, n) for name, value in rods.items()]
+        listed = [_each(name, value, n) for name, value in rods.items()]
         storeys = []
         for i, numbers in enumerate(zip(masses, *listed, strict=True)):
-            with renamed(f"{owner}: storeys.{i}"):
+            with renamed(f"storeys.{i}"):
                 storeys.append(Building(*numbers))
-        building = cls(tuple(storeys), _each(owner, "heights", heights, n))
+        building = cls(tuple(storeys), _each("heights", heights, n))
         if yield_force is None:
             return building
         return building.yielding(yield_force=yield_force, hardening=hardening)
@@ -175,19 +173,18 @@ class ShearBuilding:
         >>> round(float(frame.natural_period), 6), round(float(frame.elevations[-1]), 6)
         (1.1, 26.4)
         """
-        owner = "ShearBuilding.from_period"
-        n = count(owner, "n_storeys", n_storeys)
-        floors = enumerate(_each(owner, "storey_mass", storey_mass, n))
-        masses = positive_number(owner, **{f"storey_mass.{i}": mass for i, mass in floors})
-        heights = _each(owner, "height", height, n)
-        taper = number(owner, "taper", taper)
+        n = count("n_storeys", n_storeys)
+        floors = enumerate(_each("storey_mass", storey_mass, n))
+        masses = positive_number(**{f"storey_mass.{i}": mass for i, mass in floors})
+        heights = _each("height", height, n)
+        taper = number("taper", taper)
         if is_traced(taper):
             rule = "must be known, not traced: the modes' shapes follow"
-            raise InvalidInput(owner, "taper", "", rule)
+            raise InvalidInput("taper", "", rule)
         positive = Rule("taper", taper, (taper > 0) & np.isfinite(taper), "positive, finite")
-        enforce(owner, [positive, TAPER.of("taper", taper)])
+        enforce([positive, TAPER.of("taper", taper)])
         shares = np.linspace(1.0, float(taper), n)
-        with renamed(owner, {"mass": "storey_mass"}):
+        with renamed(names={"mass": "storey_mass"}):
             block = Building.from_period(masses[0], period, damping_ratio, order, tau_f)
             unit = block.stiffness / _least_eigenvalue(shares, [m / masses[0] for m in masses])
             rod = block.order, block.tau_f, block.tau_x
@@ -220,7 +217,7 @@ class ShearBuilding:
         """
         if not isinstance(name, str) or name not in _PUBLISHED:
             rule = f"unknown name {name!r}; {_checks.hint(str(name), _PUBLISHED)}"
-            raise InvalidInput("ShearBuilding.published", "", "", rule)
+            raise InvalidInput("", "", rule)
         n, mass, stiffness, height = _PUBLISHED[name]
         elastic = 2 * np.sin(np.pi / (4 * n + 2)) * np.sqrt(stiffness / mass)
         return cls.from_period(n, mass, 2 * np.pi / elastic, 0.05, height=height)
@@ -264,15 +261,14 @@ class ShearBuilding:
         >>> [round(s.stiffness * s.hysteresis.yield_displacement / 1e3) for s in weak.storeys]
         [1059, 883, 530]
         """
-        owner = "ShearBuilding.yielding"
         strengths = zip(STRENGTHS, (yield_force, base_shear_coefficient, yield_drift), strict=True)
         if len(stated := {name: x for name, x in strengths if x is not None}) != 1:
             name = f"a strength by {' and '.join(stated) or 'nothing'}"
-            raise InvalidInput(owner, name, "", f"must be by one of {', '.join(STRENGTHS)}")
+            raise InvalidInput(name, "", f"must be by one of {', '.join(STRENGTHS)}")
         ((name, value),), n = stated.items(), self.n_floors
         yielding, tuned = self.storeys[:n], self.storeys[n:]
-        values = [_checks.real(owner, name, x) for x in _each(owner, name, value, n)]
-        enforce(owner, [STRENGTHS[name].of(name, x) for x in values])
+        values = [_checks.real(name, x) for x in _each(name, value, n)]
+        enforce([STRENGTHS[name].of(name, x) for x in values])
         if base_shear_coefficient is not None:
             weight = gravity * sum(storey.mass for storey in yielding)
             values = storey_shears(yielding, self.elevations, values[0] * weight)
@@ -280,7 +276,7 @@ class ShearBuilding:
             lengths = [x * height for x, height in zip(values, self.heights, strict=False)]
         else:
             lengths = [force / x.stiffness for force, x in zip(values, yielding, strict=True)]
-        listed = {key: _each(owner, key, x, n) for key, x in numbers.items()}
+        listed = {key: _each(key, x, n) for key, x in numbers.items()}
         listed["yield_displacement"] = tuple(lengths)
         laws = [law(**{key: x[i] for key, x in listed.items()}) for i in range(n)]
         storeys = map(lambda x, y: dataclasses.replace(x, hysteresis=y), yielding, laws)
@@ -295,7 +291,7 @@ class ShearBuilding:
         """
         above = np.cumsum([storey.mass for storey in self.storeys][::-1])[::-1]
         if is_traced(above):
-            raise InvalidInput("with_p_delta", "masses", "", "must be known, not traced")
+            raise InvalidInput("masses", "", "must be known, not traced")
         n = self.n_floors
         storeys = map(with_weight, self.storeys[:n], gravity * above, self.heights)
         return dataclasses.replace(self, storeys=(*storeys, *self.storeys[n:]))
@@ -347,13 +343,13 @@ _PUBLISHED: dict[str, tuple[int, float, float, float]] = {
 }
 
 
-def _each(owner: str, name: str, value: Any, n: int) -> tuple[Any, ...]:
+def _each(name: str, value: Any, n: int) -> tuple[Any, ...]:
     """A number for each of n storeys, from a list or from one number for all."""
     if not isinstance(value, Sequence) and jnp.ndim(value) == 0:
         return (value,) * n
-    if len(listed := as_tuple(owner, name, value)) != n:
+    if len(listed := as_tuple(name, value)) != n:
         rule = f"must be {n}, a number for each storey, or one for all"
-        raise InvalidInput(owner, f"{name}, {len(listed)} of them,", "", rule)
+        raise InvalidInput(f"{name}, {len(listed)} of them,", "", rule)
     return listed
 
 

@@ -34,11 +34,10 @@ def base_shear_coefficient(spectral_acceleration: Any, ductility_class: str) -> 
     >>> round(jp.model.base_shear_coefficient(0.6, "DCM"), 4)
     0.1538
     """
-    owner = "base_shear_coefficient"
-    (acceleration,) = positive(owner, spectral_acceleration=spectral_acceleration)
+    (acceleration,) = positive(spectral_acceleration=spectral_acceleration)
     if ductility_class not in BEHAVIOUR_FACTORS:
         rule = f"must be a class; {hint(ductility_class, BEHAVIOUR_FACTORS)}"
-        raise InvalidInput(owner, "ductility_class", repr(ductility_class), rule)
+        raise InvalidInput("ductility_class", repr(ductility_class), rule)
     return acceleration / BEHAVIOUR_FACTORS[ductility_class]
 
 
@@ -54,18 +53,18 @@ def with_weight(storey: Building, weight: Any, height: float) -> Building:
     With θ that over its stiffness k, f − θ k e of a storey is the force of one of stiffness
     (1 − θ) k, the same dashpot, the same e_y and a hardening (α − θ)/(1 − θ).
     """
-    owner, theta = "with_p_delta", weight / height / storey.stiffness
+    theta = weight / height / storey.stiffness
     rule = "below 1: else the weight buckles the storey"
-    enforce(owner, [Rule("weight above over stiffness and height", theta, theta < 1, rule)])
+    enforce([Rule("weight above over stiffness and height", theta, theta < 1, rule)])
     left, law = 1 - theta, storey.hysteresis
     if law is not None:
         if not hasattr(law, "hardening"):
             rule = "must be Bilinear or BoucWen: the hardening of a law of one's own is not known"
-            raise InvalidInput(owner, "hysteresis", repr(law), rule)
+            raise InvalidInput("hysteresis", repr(law), rule)
         limit = getattr(law, "ultimate_displacement", 0.0)
         rule = "finite where hardening is below W/(k h), weight above over stiffness and height"
         holds = finite(limit) | (law.hardening >= theta)
-        enforce(owner, [Rule("hysteresis.ultimate_displacement", limit, holds, rule)])
+        enforce([Rule("hysteresis.ultimate_displacement", limit, holds, rule)])
         law = dataclasses.replace(law, hardening=(law.hardening - theta) / left)
     stiffness, tau_x = storey.stiffness * left, storey.tau_f + (storey.tau_x - storey.tau_f) / left
     return dataclasses.replace(storey, stiffness=stiffness, tau_x=tau_x, hysteresis=law)

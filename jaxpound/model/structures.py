@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 
@@ -14,6 +14,7 @@ from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import Link, Rod, System
 from jaxpound.model.topology import GROUND, Ends
+from jaxpound.quantities import DIMENSIONLESS
 
 
 @pytree_dataclass
@@ -54,6 +55,7 @@ class AdjacentStructures:
     friction: Any = like(Link, "friction")
     initial_gap: Any = parameter(r"\xi_0", "length", "gap at rest", least=0, usual=(0.0, 3.0))
     contact: ContactLaw | Newton | None = like(Link, "contact", default=None)
+    units: ClassVar = DIMENSIONLESS
 
     def system(self) -> System:
         """Masses 1 and 1/ρ on rods of stiffness 1 and ε, and the link between them."""
@@ -110,23 +112,23 @@ class Storeys:
     n_tuned: int = static(default=0, listed=bool)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "masses", as_tuple("Storeys", "masses", self.masses))
+        object.__setattr__(self, "masses", as_tuple("masses", self.masses))
         rods: Any = self.rods
         if isinstance(rods, Rod):
             rods = (rods,) * len(self.masses)
         elif not isinstance(rods, tuple | list):
             name = f"rods of type {type(rods).__name__}"
-            raise InvalidInput("Storeys", name, "", "must be a Rod, or a tuple of them")
+            raise InvalidInput(name, "", "must be a Rod, or a tuple of them")
         object.__setattr__(self, "rods", tuple(rods))
         check(self)
-        require_storeys("Storeys", "masses", self.masses, self.n_tuned)
+        require_storeys("masses", self.masses, self.n_tuned)
         if len(rods) != (n := len(self.masses)):
             rule = f"must be one for each of the {n} masses: storey i carries floor i"
-            raise InvalidInput("Storeys", f"rods, {len(rods)} of them,", "", rule)
+            raise InvalidInput(f"rods, {len(rods)} of them,", "", rule)
         for i, rod in enumerate(rods):
             if rod.ends not in (None, storey_ends(i)):
                 rule = f"must be left out, or those of its storey, {storey_ends(i)}"
-                raise InvalidInput("Storeys", f"rods.{i}.ends", str(rod.ends), rule)
+                raise InvalidInput(f"rods.{i}.ends", str(rod.ends), rule)
 
     @property
     def n_floors(self) -> int:
@@ -144,13 +146,13 @@ class Storeys:
         return tuple(unchecked(Rod, **x, ends=storey_ends(i, first)) for i, x in enumerate(fields))
 
 
-def require_storeys(owner: str, name: str, storeys: Sequence[Any], n_tuned: Any) -> None:
+def require_storeys(name: str, storeys: Sequence[Any], n_tuned: Any) -> None:
     """An ``InvalidInput`` without storeys, by name, or without a floor below the tuned masses."""
     if not (n := len(storeys)):
-        raise InvalidInput(owner, name, "()", "must hold at least one storey")
+        raise InvalidInput(name, "()", "must hold at least one storey")
     if not (is_whole(n_tuned) and 0 <= n_tuned < n):
         rule = f"must be a whole number from 0 to {n - 1}: the last of {n} masses are tuned masses"
-        raise InvalidInput(owner, "n_tuned", repr(n_tuned), rule)
+        raise InvalidInput("n_tuned", repr(n_tuned), rule)
 
 
 def storey_ends(storey: int, first: int = 0) -> Ends:

@@ -13,7 +13,7 @@ import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from types import NoneType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from jaxpound.model.topology import (
     masses_of,
     ring,
 )
+from jaxpound.quantities import DIMENSIONLESS, SI
 
 
 @pytree_dataclass
@@ -120,7 +121,7 @@ class Link:
 
     def __post_init__(self) -> None:
         _set_ends(self)
-        check_link(self, "Link")
+        check_link(self)
 
     def faces(self) -> tuple[Link, ...]:
         """The link itself; of a link of two faces the right face and the left face."""
@@ -140,21 +141,21 @@ OPPOSITE: Any = {"friction": 0.0, "damper": None, "velocity_friction": None, "in
 """What the left face of a link of two faces leaves to the right one."""
 
 
-def check_link(link: Any, owner: str) -> None:
-    """Check a link, or both faces of a link of two; errors name the owner."""
+def check_link(link: Any, part: str = "") -> None:
+    """Check a link, or both faces of a link of two; errors name the class and ``part``."""
     for name in ("gap", "contact"):
         if isinstance(value := getattr(link, name), tuple) and len(value) != 2:
             rule = "must be two, (left, right), of a link of two faces"
-            raise InvalidInput(owner, name, reprlib.repr(value), rule)
+            raise InvalidInput(name, reprlib.repr(value), rule)
     if isinstance(link.contact, tuple) and not isinstance(link.gap, tuple):
         rule = "must be a tuple (left, right), as contact is"
-        raise InvalidInput(owner, "gap", reprlib.repr(link.gap), rule)
+        raise InvalidInput("gap", reprlib.repr(link.gap), rule)
     if isinstance(link.gap, tuple):
         for gap in link.gap:
-            real(owner, "gap", gap)
+            real("gap", gap)
         link.faces()  # which checks them
         return
-    with renamed(owner):
+    with renamed(part):
         check(link)
 
 
@@ -182,12 +183,12 @@ class Structures(Protocol):
 
 def gravity_of(structures: Any) -> Any:
     """Gravity, m/s², of structures in SI units (``Buildings``); None of dimensionless ones."""
-    return getattr(structures, "gravity", None)
+    return structures.gravity if in_si(structures) else None
 
 
 def in_si(structures: Any) -> bool:
     """Whether structures, and with them all results, are in SI units (``Buildings``)."""
-    return gravity_of(structures) is not None
+    return getattr(structures, "units", DIMENSIONLESS) is SI
 
 
 @pytree_dataclass
@@ -246,10 +247,12 @@ class System:
     links: tuple[Link, ...] = part(Link, each=True, default=())
     tuned: tuple[int, ...] = static(default=(), listed=bool)
     influence: tuple[float, ...] = static(default=(), listed=bool)
+    units: ClassVar = DIMENSIONLESS
+    """The unit of each kind of quantity, such as ``units["force"]``; of ``Buildings`` in SI."""
 
     def __post_init__(self) -> None:
         for name in ("masses", "rods", "links", "influence"):
-            object.__setattr__(self, name, as_tuple("System", name, getattr(self, name)))
+            object.__setattr__(self, name, as_tuple(name, getattr(self, name)))
         links = [link.faces() if isinstance(link, Link) else (link,) for link in self.links]
         kept, dampers = without_dampers(itertools.chain(*links))
         object.__setattr__(self, "links", kept)
@@ -258,25 +261,25 @@ class System:
         for k, rod in enumerate(self.rods):
             if rod.ends is None:
                 rule = "must be two masses, or GROUND"
-                raise InvalidInput("System", f"rods.{k}.ends", "None", rule)
+                raise InvalidInput(f"rods.{k}.ends", "None", rule)
         topology, n = self.topology, len(self.masses)
         if not n:
-            raise InvalidInput("System", "masses", "()", "must hold at least one mass")
+            raise InvalidInput("masses", "()", "must hold at least one mass")
         for name in ("rods", "links"):
             for k, element in enumerate(getattr(self, name)):
                 if max(masses_of(element.ends)) >= n:
                     rule = f"must name masses from 0 to {n - 1}, or GROUND (-1)"
-                    raise InvalidInput("System", f"{name}.{k}.ends", _written(element), rule)
+                    raise InvalidInput(f"{name}.{k}.ends", _written(element), rule)
         for k, ends in enumerate(topology.links):
             if isinstance(ends, WeightedMasses) and ends.side < 0:
                 before = topology.links[k - 1 : k]
                 if before != (WeightedMasses(ends.masses),):
                     rule = "must be behind the right face of the same link"
-                    raise InvalidInput("System", f"links.{k}, a left face,", "", rule)
+                    raise InvalidInput(f"links.{k}, a left face,", "", rule)
         object.__setattr__(self, "influence", _shares(self.influence, n))
         _require_held(self)
         for k in faces(topology):
-            require_face("System", f"links.{k}.", self.links[k])
+            require_face(f"links.{k}.", self.links[k])
 
     def system(self) -> System:
         """The system, unchanged."""
@@ -296,18 +299,18 @@ class System:
 
 def _set_ends(element: Rod | Link) -> None:
     """Set two ends, masses or ``GROUND``; or masses and, apart from them, their weights."""
-    owner, ends, weights = type(element).__name__, element.ends, element.weights
+    ends, weights = element.ends, element.weights
     if isinstance(ends, WeightedMasses):  # those of an element that has been made before
         return
     if weights:
         rule = "must be left out: ends ((mass, weight), …) have them; with replace, weights=()"
-        raise InvalidInput(owner, "weights", reprlib.repr(weights), rule)
+        raise InvalidInput("weights", reprlib.repr(weights), rule)
     if isinstance(ends, list | tuple) and all(isinstance(end, list | tuple) for end in ends):
-        masses, weights = _weighted_ends(owner, ends)
+        masses, weights = _weighted_ends(ends)
         object.__setattr__(element, "ends", WeightedMasses(masses))
         object.__setattr__(element, "weights", weights)
     else:
-        object.__setattr__(element, "ends", _two_ends(owner, ends))
+        object.__setattr__(element, "ends", _two_ends(ends))
 
 
 def _written(element: Rod | Link) -> str:
@@ -315,16 +318,16 @@ def _written(element: Rod | Link) -> str:
     return str(element.ends if not element.weights else weighted(element))
 
 
-def _weighted_ends(owner: str, value: Sequence[Any]) -> tuple[tuple[int, ...], tuple[Any, ...]]:
+def _weighted_ends(value: Sequence[Any]) -> tuple[tuple[int, ...], tuple[Any, ...]]:
     """Masses and their weights of ends ((mass, weight), …)."""
     masses = [end[0] for end in value if len(end) == 2 and is_whole(end[0]) and end[0] >= 0]
     if not value or len(set(masses)) < len(value):
         rule = "must be ((mass, weight), …), of different masses by number, from 0"
-        raise InvalidInput(owner, "ends", reprlib.repr(value), f"{rule}; the ground has no weight")
+        raise InvalidInput("ends", reprlib.repr(value), f"{rule}; the ground has no weight")
     return tuple(map(int, masses)), tuple(weight for _, weight in value)
 
 
-def _two_ends(owner: str, value: Any) -> Ends:
+def _two_ends(value: Any) -> Ends:
     """Two different ends, each the number of a mass or ``GROUND``."""
     try:
         i, j = tuple(value) if isinstance(value, Sequence | np.ndarray) else ()
@@ -333,7 +336,7 @@ def _two_ends(owner: str, value: Any) -> Ends:
         valid = False
     if not valid or i == j:
         rule = "must be two different masses by number, from 0, of which one may be GROUND"
-        raise InvalidInput(owner, "ends", repr(value), f"{rule}, or ((mass, weight), …)")
+        raise InvalidInput("ends", repr(value), f"{rule}, or ((mass, weight), …)")
     return int(i), int(j)
 
 
@@ -341,11 +344,11 @@ def _shares(influence: tuple[Any, ...], n: int) -> tuple[float, ...]:
     """The shares of the ground's motion of n masses, () where each mass has all of it."""
     if len(influence) not in (0, n):
         rule = f"must be one number for each of {n} masses"
-        raise InvalidInput("System", f"influence of {len(influence)} numbers", "", rule)
+        raise InvalidInput(f"influence of {len(influence)} numbers", "", rule)
     for mass, share in enumerate(influence):
-        if is_traced(share) or not finite(number("System", f"influence.{mass}", share)):
+        if is_traced(share) or not finite(number(f"influence.{mass}", share)):
             rule = "must be a finite number that is known, not traced"
-            raise InvalidInput("System", f"influence.{mass}", str(share), rule)
+            raise InvalidInput(f"influence.{mass}", str(share), rule)
     shares = tuple(map(float, influence))
     return () if set(shares) == {1.0} else shares
 
@@ -359,18 +362,18 @@ def _require_held(system: System) -> None:
     if any(isinstance(ends, WeightedMasses) for ends in topology.rods):
         if (rows := _rows(system.rods, n)) is not None and (_rank(rows) < n).any():
             rule = "must hold all masses: in some motion of them no rod is stretched"
-            raise InvalidInput("System", "rods", "", rule)
+            raise InvalidInput("rods", "", rule)
     else:
         group, _ = joined_ends(n, topology.rods)
         for mass in range(n):
             if group[mass] != group[GROUND]:
                 rule = "must be tied to the ground by rods, directly or through other masses"
-                raise InvalidInput("System", f"masses.{mass}", "", rule)
+                raise InvalidInput(f"masses.{mass}", "", rule)
     if (closing := ring(topology)) is not None:
         ends, rule = topology.links[closing], "must not close a ring with the links before it"
         if any({*ends} == {*before} for before in topology.links[:closing]):
             rule = ONE_LINK
-        raise InvalidInput("System", f"links.{closing}.ends", str(ends), rule)
+        raise InvalidInput(f"links.{closing}.ends", str(ends), rule)
     joints = [k for k in range(len(system.links)) if k not in faces(topology)]
     if any(isinstance(topology.links[k], WeightedMasses) for k in joints):
         if (rows := _rows([system.links[k] for k in joints], n)) is None:
@@ -378,7 +381,7 @@ def _require_held(system: System) -> None:
         for number, k in enumerate(joints, 1):
             if (_rank(rows[..., :number, :]) < number).any():
                 rule = "must have a closing that does not follow from those of the links before it"
-                raise InvalidInput("System", f"links.{k}.ends", _written(system.links[k]), rule)
+                raise InvalidInput(f"links.{k}.ends", _written(system.links[k]), rule)
 
 
 def _rows(elements: Sequence[Rod | Link], n: int) -> np.ndarray | None:
@@ -403,7 +406,7 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
         if damper := getattr(link, "damper", None):
             if damper.weights or damper.ends not in (None, link.ends):
                 rule = f"must be left out, or those of the link, {link.ends}"
-                raise InvalidInput("Link", "damper.ends", str(damper.ends), rule)
+                raise InvalidInput("damper.ends", str(damper.ends), rule)
             ends = {"ends": link.ends, "weights": getattr(link, "weights", ())}
             rods.append(unchecked(Rod, **{**vars(damper), **ends}))
             link = replace(link, damper=None)
@@ -414,13 +417,13 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
 ONE_LINK = "must not be those of a link before it: gap=(left, right) makes a link of two faces"
 
 
-def require_face(owner: str, prefix: str, link: Any) -> None:
+def require_face(prefix: str, link: Any) -> None:
     """An ``InvalidInput`` for the second face of a link with friction or a damper of its own."""
     for field, none in OPPOSITE.items():
         value = getattr(link, field)
         if value is not none and not is_traced(value) and not np.all(value == none):
             rule = "must be that of the link before it, whose other face this is"
-            raise InvalidInput(owner, f"{prefix}{field}", reprlib.repr(value), rule)
+            raise InvalidInput(f"{prefix}{field}", reprlib.repr(value), rule)
 
 
 def is_closable(gap: Any) -> bool:

@@ -35,11 +35,11 @@ def masses_of(ends: AnyEnds) -> tuple[int, ...]:
     return tuple(end for end in ends if end != GROUND)
 
 
-def two_ends(owner: str, ends: AnyEnds) -> Ends:
+def two_ends(ends: AnyEnds) -> Ends:
     """The two ends of a link; an ``InvalidInput`` for one of masses with weights."""
     if isinstance(ends, WeightedMasses):
         rule = "must be between two floors or a floor and the ground, not of masses with weights"
-        raise InvalidInput(owner, "links", "", rule)
+        raise InvalidInput("links", "", rule)
     return ends
 
 
@@ -134,7 +134,7 @@ def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     masses = sorted(mass for building in buildings for mass, _ in building)
     if masses != list(range(topology.n_masses)):
         rule = "must be shear buildings, each floor on one storey"
-        raise InvalidInput("structures", "masses", "", rule)
+        raise InvalidInput("structures: masses", "", rule)
     return tuple(sorted(buildings))
 
 

@@ -50,10 +50,9 @@ def tuned_mass_damper(
     >>> tuned.n_floors, [round(float(x), 3) for x in tuned.modes().periods[:2]]
     (4, [0.565, 0.466])
     """
-    owner = "tuned_mass_damper"
-    (ratio,) = positive(owner, mass_ratio=mass_ratio)
-    mode = _FirstMode.of(owner, building)
-    return mode.tuned(owner, ratio, ratio * mode.mass, 0.0, frequency_ratio, damping_ratio)
+    (ratio,) = positive(mass_ratio=mass_ratio)
+    mode = _FirstMode.of(building)
+    return mode.tuned(ratio, ratio * mode.mass, 0.0, frequency_ratio, damping_ratio)
 
 
 def tuned_inerter_damper(
@@ -101,23 +100,22 @@ def tuned_inerter_damper(
     >>> print(links[0], f"{links[0].inerter.inertance / 1e3:.1f} t")
     1–ground, floor 5 34.8 t
     """
-    owner = "tuned_inerter_damper"
-    (ratio,) = positive(owner, inertance_ratio=inertance_ratio)
-    mode = _FirstMode.of(owner, building)
+    (ratio,) = positive(inertance_ratio=inertance_ratio)
+    mode = _FirstMode.of(building)
     roof = len(mode.frame.storeys) - 1
     if not (is_whole(floor) and GROUND <= floor < roof):
         below = f"a floor below the roof, from 0 to {roof - 1}, or GROUND" if roof else "GROUND"
-        raise InvalidInput(owner, "floor", repr(floor), f"must be {below}")
+        raise InvalidInput("floor", repr(floor), f"must be {below}")
     inertance = ratio * mode.mass / (1 - (0.0 if floor == GROUND else mode.shape[floor])) ** 2
     if mass_ratio is None:
         mass_ratio = _DEVICE * ratio
-    (light,) = positive(owner, mass_ratio=mass_ratio)
+    (light,) = positive(mass_ratio=mass_ratio)
     masses = light * mode.mass, inertance
-    tuned = mode.tuned(owner, ratio + light, *masses, frequency_ratio, damping_ratio)
+    tuned = mode.tuned(ratio + light, *masses, frequency_ratio, damping_ratio)
     ends: dict[str, Any] = {"next_building": GROUND}
     if floor != GROUND:
         ends = {"next_building": number, "next_floor": int(floor)}
-    with renamed(owner, {"building": "number"}):
+    with renamed(names={"building": "number"}):
         return tuned, (FloorLink(number, roof + 1, inerter=Inerter(inertance), **ends),)
 
 
@@ -131,8 +129,8 @@ class _FirstMode:
     period: Any
 
     @staticmethod
-    def of(owner: str, building: Any) -> _FirstMode:
-        instance(owner, "building", building, ShearBuilding, Building)
+    def of(building: Any) -> _FirstMode:
+        instance("building", building, ShearBuilding, Building)
         frame = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
         modes = frame.modes()
         shape = (modes.shapes[:, 0] / modes.shapes[-1, 0]).real
@@ -140,13 +138,13 @@ class _FirstMode:
         return _FirstMode(frame, shape, mass, frame.natural_period)
 
     def tuned(
-        self, owner: str, ratio: Any, mass: Any, inertance: Any, frequency: Any, damping: Any
+        self, ratio: Any, mass: Any, inertance: Any, frequency: Any, damping: Any
     ) -> ShearBuilding:
         """The building with a mass that, with an inertance, is tuned."""
         tuning = 1 / (1 + ratio) if frequency is None else frequency
         damping = jnp.sqrt(3 * ratio / (8 * (1 + ratio))) if damping is None else damping
-        tuning, damping = positive(owner, frequency_ratio=tuning, damping_ratio=damping)
-        with renamed(owner, {"mass": "mass_ratio: mass", "period": "frequency_ratio: period"}):
+        tuning, damping = positive(frequency_ratio=tuning, damping_ratio=damping)
+        with renamed(names={"mass": "mass_ratio: mass", "period": "frequency_ratio: period"}):
             both = Building.from_period(mass + inertance, self.period / tuning, damping, order=1.0)
             top = dataclasses.replace(both, mass=mass)
         storeys, heights = self.frame.storeys, self.frame.heights

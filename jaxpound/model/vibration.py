@@ -97,7 +97,7 @@ def modes(structures: Structures) -> Modes:
     >>> modes.frequencies.round(6).tolist()  # the golden section and its inverse
     [0.618034, 1.618034]
     """
-    linear = _Linear("modes", structures)
+    linear = _Linear(structures)
     undamped = linear.stiffness(1j * linear.steady(0)[0])[0].real
     squares, vectors = np.linalg.eigh(undamped)
     eigenvalues = linear.free(vectors, 1j * np.sqrt(squares))
@@ -120,23 +120,23 @@ def modes(structures: Structures) -> Modes:
 
 def first_frequency(structures: Structures) -> float:
     """Frequency of the steady vibration of the first mode (``Modes``)."""
-    return _Linear("first_frequency", structures).steady(0)[0]
+    return _Linear(structures).steady(0)[0]
 
 
 class _Linear:
     """Masses, rods and inerters of concrete structures, scaled so that the mass matrix is 1."""
 
-    def __init__(self, owner: str, structures: Any) -> None:
-        if hasattr(structures, "modes"):
+    def __init__(self, structures: Any) -> None:
+        if hasattr(structures, "modes") and not hasattr(structures, "system"):
             rule = "in SI units have a method of their own, modes()"
-            raise InvalidInput(owner, "structures", "", rule)
-        instance(owner, "structures", structures, Structures)
+            raise InvalidInput("structures", "", rule)
+        instance("structures", structures, Structures)
         system = structures.system()
         inerters = [link.inerter for link in system.links]
         leaves = jax.tree.leaves((system.masses, system.rods, inerters))
         if not is_known_and_single(leaves):
             rule = "must be known, not traced" if is_traced(leaves) else "must be one, not a batch"
-            raise InvalidInput(owner, "structures", "", rule)
+            raise InvalidInput("structures", "", rule)
         self.masses = np.array([float(mass) for mass in system.masses])
         self.n = self.masses.size
         unit_motions = [*np.eye(self.n)]

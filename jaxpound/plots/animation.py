@@ -38,13 +38,13 @@ def still(
     A ``ValueError`` if the response is a batch, not that of shear buildings, of a pair without a
     finite gap, or invalid, time is not within the run, or elevations are not as in ``row``.
     """
-    _require_scene("still", response)
+    _require_scene(response)
     end = float(response.time[-1])
     if not 0 <= time <= end:
         rule = f"must be within the run, from 0 to {end:.6g}"
-        raise InvalidInput("still", "time", str(time), rule)
+        raise InvalidInput("time", str(time), rule)
     ax = house.new_axes(ax)
-    scene = Scene(response, ax, reach, elevations, "still")
+    scene = Scene(response, ax, reach, elevations)
     scene.show(int(np.abs(np.asarray(response.time) - time).argmin()))
     return ax
 
@@ -79,15 +79,15 @@ def animate(
     rule.
     """
     single = isinstance(responses, Response)
-    runs = {"": responses} if isinstance(responses, Response) else same_units("animate", responses)
+    runs = {"": responses} if isinstance(responses, Response) else same_units(responses)
     for response in runs.values():
-        _require_scene("animate", response)
+        _require_scene(response)
     if frames < 2 or not 0 < seconds < np.inf:
         rule = "must be at least 2 frames, and seconds positive and finite"
-        raise InvalidInput("animate", "frames", f"{frames}, seconds = {seconds}", rule)
+        raise InvalidInput("frames", f"{frames}, seconds = {seconds}", rule)
     time = np.asarray(next(iter(runs.values())).time)
     if any(not np.array_equal(time, response.time) for response in runs.values()):
-        raise InvalidInput("animate", "responses", "", "must be on the same grid")
+        raise InvalidInput("responses", "", "must be on the same grid")
 
     low = all(map(is_pair, runs.values()))
     figure = house.new_figure(2, (1.25 if single else 1.5) + (0.0 if low else 0.4))
@@ -126,7 +126,7 @@ def _panels(
     for i, (name, response) in enumerate(runs.items()):
         ax = panels[str(i)]
         ax.set_title(name, fontsize=house.FONT_SIZE + 1)
-        scenes.append(Scene(response, ax, reach, elevations, "animate"))
+        scenes.append(Scene(response, ax, reach, elevations))
     below = [panels[f"below {i}"] for i in numbers]
     if single:
         response, upper = runs[""], panels["upper"]
@@ -152,12 +152,12 @@ def _panels(
     return scenes, below
 
 
-def _require_scene(owner: str, response: Response) -> None:
+def _require_scene(response: Response) -> None:
     """An ``InvalidInput`` for a run whose buildings cannot be drawn."""
-    require_valid(owner, response)
+    require_valid(response)
     if not buildings_of(response):
         rule = "must be of shear buildings: floors one above the other, each on one rod"
-        raise InvalidInput(owner, "the run", "", rule)
+        raise InvalidInput("the run", "", rule)
     if is_pair(response) and not np.isfinite(response.min_gap):
         rule = "must be finite, so that the buildings stand somewhere"
-        raise InvalidInput(owner, "the gap", "", rule)
+        raise InvalidInput("the gap", "", rule)

@@ -63,13 +63,13 @@ def of_each(response: Response, group: str, field: str, name: str) -> list[Curve
     return curves
 
 
-def frictions(owner: str, response: Response) -> dict[int, Curve]:
+def frictions(response: Response) -> dict[int, Curve]:
     """Friction force of each damper by number, or of links without one where there is none at all.
 
     Of many links those between the same buildings have one name and one colour, from light to full.
     """
     if not response.links:
-        raise InvalidInput(owner, "response", "", "must have a link")
+        raise InvalidInput("response", "", "must have a link")
     links = response.links
     damped = [k for k, link in enumerate(links) if link.has_damper] or [*range(len(links))]
     series = [link.friction if k in damped else None for k, link in enumerate(links)]
@@ -87,10 +87,10 @@ def closed(link: LinkResponse) -> np.ndarray:
     return met if link.touching is None else met | (np.asarray(link.touching) > 0)
 
 
-def contacts(owner: str, response: Response) -> dict[int, tuple[Curve, ContactPath]]:
+def contacts(response: Response) -> dict[int, tuple[Curve, ContactPath]]:
     """Contact force and path of each link with a law of it; an ``InvalidInput`` if none has one."""
     if not (paths := followed_contacts(response)):
-        raise InvalidInput(owner, "response", "", "must have a link with a law of contact")
+        raise InvalidInput("response", "", "must have a link with a law of contact")
     forces = [paths[k].force if k in paths else None for k in range(len(response.links))]
     curves = _of_links("$p$", response, forces)
     if len(forces) == 1:
@@ -99,12 +99,12 @@ def contacts(owner: str, response: Response) -> dict[int, tuple[Curve, ContactPa
     return {k: (curve._replace(times=path.time), path) for curve, (k, path) in both}
 
 
-def gaps_of(owner: str, response: Response) -> list[Curve]:
+def gaps_of(response: Response) -> list[Curve]:
     """Gap of each link, NaN in runs without one; an ``InvalidInput`` if no link has one."""
     gaps = [np.asarray(link.gap) for link in response.links]
     finite = [None if np.isposinf(x).all() else np.where(np.isposinf(x), np.nan, x) for x in gaps]
     if not (curves := _of_links(r"$\xi$", response, finite)):
-        raise InvalidInput(owner, "response", "", "must have a link with a finite gap")
+        raise InvalidInput("response", "", "must have a link with a finite gap")
     return curves
 
 
@@ -173,7 +173,6 @@ def over_time(
 class Loops(NamedTuple):
     """Forces of rods or links over the elongation or slip of each, by number."""
 
-    owner: str
     group: str
     lengths: Any
     curves: Mapping[int, Curve]
@@ -186,7 +185,7 @@ def chosen(loops: Loops, numbers: Any) -> tuple[int, ...]:
     listed = numbers if isinstance(numbers, Sequence | np.ndarray) else ()
     if not len(listed) or not all(is_whole(k) and k in loops.curves for k in listed):
         rule = f"must be a list of the {loops.group} to be drawn, from 0: {[*loops.curves]}"
-        raise InvalidInput(loops.owner, loops.group, repr(numbers), rule)
+        raise InvalidInput(loops.group, repr(numbers), rule)
     return tuple(map(int, listed))
 
 
@@ -216,27 +215,27 @@ def run_axes(response: Response, ax: Axes | None) -> Axes:
     if (invalid := np.ravel(~np.isfinite(response.demand.pga))).any():
         several = f"{invalid.sum()} of {invalid.size} runs are"
         subject = several if invalid.size > 1 else "the run is"
-        raise InvalidInput("plots", subject, "", "invalid (NaN)")
+        raise InvalidInput(subject, "", "invalid (NaN)")
     return new_axes(ax)
 
 
-def require_valid(owner: str, response: Response) -> None:
+def require_valid(response: Response) -> None:
     """An ``InvalidInput`` for a batch or an invalid run."""
-    require_single(owner, response)
+    require_single(response)
     if not np.isfinite(response.demand.pga):
-        raise InvalidInput(owner, "the run", "", "is invalid (its results are NaN)")
+        raise InvalidInput("the run", "", "is invalid (its results are NaN)")
 
 
-def same_units(name: str, responses: Mapping[str, Response]) -> dict[str, Response]:
-    """The runs, at least one and all in the same units; ``name`` begins the error's message."""
-    instance(name, "responses", responses, Mapping)
+def same_units(responses: Mapping[str, Response]) -> dict[str, Response]:
+    """The runs, at least one and all in the same units."""
+    instance("responses", responses, Mapping)
     if not responses:
-        raise InvalidInput(name, "responses", "", "must hold at least one run")
+        raise InvalidInput("responses", "", "must hold at least one run")
     for run, response in responses.items():
-        instance(name, f"responses[{run!r}]", response, Response)
+        instance(f"responses[{run!r}]", response, Response)
     if len({response.si for response in responses.values()}) > 1:
         rule = "must all be in SI units, or all be dimensionless"
-        raise InvalidInput(name, "responses", "", rule)
+        raise InvalidInput("responses", "", rule)
     return dict(responses)
 
 

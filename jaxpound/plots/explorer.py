@@ -148,19 +148,19 @@ class Explorer:
         grid: TimeGrid,
         scheme: Scheme = Scheme(),
     ) -> None:
-        widgets = require("Explorer", "ipywidgets")
+        widgets = require("ipywidgets")
         from jaxpound.plots.sliders import ExactSlider, even_marks, ratio_marks
 
-        instance("Explorer", "structures", structures, AdjacentStructures, Buildings)
-        instance("Explorer", "ground", ground, Ricker, Record)
-        require_time_unit("Explorer: ground", ground, si=in_si(structures))
-        instance("Explorer", "grid", grid, TimeGrid)
-        instance("Explorer", "scheme", scheme, Scheme)
+        instance("structures", structures, AdjacentStructures, Buildings)
+        instance("ground", ground, Ricker, Record)
+        require_time_unit("ground", ground, si=in_si(structures))
+        instance("grid", grid, TimeGrid)
+        instance("scheme", scheme, Scheme)
         if any(np.ndim(leaf) for leaf in jax.tree.leaves(structures)):
-            raise InvalidInput("Explorer", "structures", "", "must be a single pair, not a batch")
+            raise InvalidInput("structures", "", "must be a single pair, not a batch")
         if structures.system().topology != PAIR:
             rule = "must be two buildings of one storey with one link"
-            raise InvalidInput("Explorer", "structures", "", rule)
+            raise InvalidInput("structures", "", rule)
         self._first, self._ground = jax.tree.map(float, structures), ground
         self._grid, self._scheme = grid, scheme
         self._panels: LivePanels | None = None

@@ -74,17 +74,17 @@ def envelope(
 
     For an example see ``envelopes``.
     """
-    runs = _runs("envelope", floors, FloorDemands)
+    runs = _runs(floors, FloorDemands)
     if quantity not in _DRAWN:
         rule = f"must be a demand of floors; {hint(quantity, _DRAWN)}"
-        raise InvalidInput("envelope", "quantity", repr(quantity), rule)
+        raise InvalidInput("quantity", repr(quantity), rule)
     first = next(iter(runs.values()))
     ax = new_axes(ax)
     heights = np.arange(1.0, len(first.masses) + 1)
     if elevations is not None:
-        heights = heights_above_ground("envelope", "elevations", elevations, heights.size)
+        heights = heights_above_ground("elevations", elevations, heights.size)
     profiles = [_values(demands, quantity) for demands in runs.values()]
-    _require_valid("envelope", runs, profiles)
+    _require_valid(runs, profiles)
     unit, styles = _unit(quantity, first.si, profiles), _styles(runs, first.building)
     lines = zip(profiles, [heights] * len(runs), styles, strict=True)
     _draw(ax, quantity, [*lines], elevations is not None, unit)
@@ -122,15 +122,14 @@ def envelopes(
     >>> len(figure.axes)  # four quantities, no contact
     4
     """
-    owner = "envelopes"
-    runs = _runs(owner, floors, Sequence)
+    runs = _runs(floors, Sequence)
     buildings = next(iter(runs.values()))
     if labels is None:
         labels = [f"building {building.building + 1}" for building in buildings]
     elif len(labels) != len(buildings):
         rule = f"must be one for each of the {len(buildings)} buildings"
-        raise InvalidInput(owner, f"labels, {len(labels)} of them,", "", rule)
-    heights = floor_heights(owner, [len(building.masses) for building in buildings], elevations)
+        raise InvalidInput(f"labels, {len(labels)} of them,", "", rule)
+    heights = floor_heights([len(building.masses) for building in buildings], elevations)
     in_shares = all(each.si and each.heights for run in runs.values() for each in run)
     usual = ("displacement", "drift_ratio" if in_shares else "drift", "acceleration", "shear")
     profiles = {
@@ -138,7 +137,7 @@ def envelopes(
         for name in (*usual, "contact", "ductility")
     }
     for of_runs in profiles[_FROM_ZERO]:
-        _require_valid(owner, runs, of_runs)
+        _require_valid(runs, of_runs)
     shown = [name for name, x in profiles.items() if name in usual or any(map(np.any, chain(*x)))]
 
     together = len(runs) == 1 < len(buildings)
@@ -175,11 +174,11 @@ def ductility(
 
     Arguments are as in ``envelopes``. A ``ValueError`` as there, or if no building yields.
     """
-    buildings = _runs("ductility", {"floors": floors}, Sequence)["floors"]
-    heights = floor_heights("ductility", [len(x.masses) for x in buildings], elevations)
+    buildings = _runs({"floors": floors}, Sequence)["floors"]
+    heights = floor_heights([len(x.masses) for x in buildings], elevations)
     yielding = [(x, y) for x, y in zip(buildings, heights, strict=True) if x.ductility is not None]
     if not yielding:
-        raise InvalidInput("ductility", "floors", "", "must be of a building that yields")
+        raise InvalidInput("floors", "", "must be of a building that yields")
     ax, limits = new_axes(ax), []
     for building, up in yielding:
         envelope(building, "ductility", None if elevations is None else up, ax)
@@ -213,8 +212,8 @@ def mode_shapes(
     >>> print(mode_shapes(building, n=2).get_legend().get_texts()[0].get_text())
     mode 1: $T$ = 0.599 s, $\zeta$ = 5.1 %
     """
-    instance("mode_shapes", "structures", structures, Storeys, ShearBuilding, Buildings)
-    n = count("mode_shapes", "n", n)
+    instance("structures", structures, Storeys, ShearBuilding, Buildings)
+    n = count("n", n)
     buildings = structures.buildings if isinstance(structures, Buildings) else (structures,)
     si, several = not isinstance(structures, Storeys), len(buildings) > 1
     in_metres = all(isinstance(building, ShearBuilding) for building in buildings)
@@ -224,7 +223,7 @@ def mode_shapes(
         storeys = building if isinstance(building, Storeys) else in_units(building, 1.0, 1.0, 1.0)
         vibration, top = modes(storeys), storeys.n_floors
         in_m = [building.elevations] if in_metres and isinstance(building, ShearBuilding) else None
-        (heights,) = stack_heights("mode_shapes", storeys.system().topology, in_m)
+        (heights,) = stack_heights(storeys.system().topology, in_m)
         tallest = max(tallest, heights, key=lambda floors: floors[-1])
         for j in range(min(n, heights.size)):
             shape = vibration.shapes[:, j].real
@@ -246,31 +245,31 @@ def mode_shapes(
     return ax
 
 
-def _runs(owner: str, floors: Any, kind: type) -> dict[str, Any]:
+def _runs(floors: Any, kind: type) -> dict[str, Any]:
     """Runs by name, of the same buildings in the same units."""
     if not (runs := dict(floors) if isinstance(floors, Mapping) else {"": floors}):
-        raise InvalidInput(owner, "floors", "", "must hold at least one run")
+        raise InvalidInput("floors", "", "must hold at least one run")
     descriptions = set()
     for name, demands in runs.items():
         place = f"floors[{name!r}]" if name else "floors"
-        instance(owner, place, demands, kind)
+        instance(place, demands, kind)
         if not (buildings := [demands] if isinstance(demands, FloorDemands) else list(demands)):
-            raise InvalidInput(owner, place, "()", "must hold at least one building")
+            raise InvalidInput(place, "()", "must hold at least one building")
         for b, building in enumerate(buildings):
             number = "" if building is demands else f"[{b}]"
-            instance(owner, place + number, building, FloorDemands)
+            instance(place + number, building, FloorDemands)
         descriptions.add(tuple((each.building, len(each.masses), each.si) for each in buildings))
     if len(descriptions) > 1:
         rule = "must be of the same buildings, all in SI units or all dimensionless"
-        raise InvalidInput(owner, "floors to be compared", "", rule)
+        raise InvalidInput("floors to be compared", "", rule)
     return runs
 
 
-def _require_valid(owner: str, runs: Mapping[str, Any], profiles: Profiles) -> None:
+def _require_valid(runs: Mapping[str, Any], profiles: Profiles) -> None:
     for name, values in zip(runs, profiles, strict=True):
         if not values.size:
             subject = f"all runs of {name!r} are" if name else "the run is"
-            raise InvalidInput(owner, subject, "", "invalid (NaN)")
+            raise InvalidInput(subject, "", "invalid (NaN)")
 
 
 def _unit(quantity: str, si: bool, profiles: Profiles) -> Unit:

@@ -44,11 +44,11 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     >>> [tick.get_text() for tick in gap_map(run).get_yticklabels()]
     ['1–2, floor 1']
     """
-    curves.same_units("gap_map", {"": response})
+    curves.same_units({"": response})
     if widest is not None:
-        (widest,) = positive_number("gap_map", widest=widest)
-    curves.require_valid("gap_map", response)
-    curves.gaps_of("gap_map", response)
+        (widest,) = positive_number(widest=widest)
+    curves.require_valid(response)
+    curves.gaps_of(response)
     links = [k for k, link in enumerate(response.links) if np.isfinite(link.gap).all()]
     home = homes(response.topology) | {GROUND: (GROUND, GROUND)}
 

@@ -25,7 +25,7 @@ def hazard_curve(hazard: HazardCurve, ax: Axes | None = None) -> Axes:
     im, rate = hazard.intensity, hazard.annual_rate
     ax.plot(im, rate, "o-", color=COLOURS["ground"], markersize=2.5, label="hazard")
     for p, words, style in ((0.1, "10 % in 50 years", "--"), (0.02, "2 % in 50 years", ":")):
-        if rate[-1] <= (level := rate_of("hazard_curve", p, 50.0)) <= rate[0]:
+        if rate[-1] <= (level := rate_of(p, 50.0)) <= rate[0]:
             line: Any = {"color": COLOURS["residual"], "linestyle": style, "linewidth": 0.9}
             ax.axhline(level, label=words, **line)
     ax.set(xscale="log", yscale="log")

@@ -24,7 +24,7 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
     the 84 % fractile and three times the threshold. Where the threshold is 0,
     pounding by the overlap, the demand without shaking is minus the smallest gap at rest.
     """
-    instance("curves", "analysis", analysis, IncrementalDynamicAnalysis)
+    instance("analysis", analysis, IncrementalDynamicAnalysis)
     ax = new_axes(ax)
     shares = analysis.fractiles()
     demand = in_words(analysis.demand, analysis.topology), kind_of(analysis.demand)
@@ -50,7 +50,7 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
 @in_house_style
 def fragility(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes:
     """Fragility of the capacities with its 95 % band, and their empirical distribution."""
-    instance("fragility", "analysis", analysis, IncrementalDynamicAnalysis)
+    instance("analysis", analysis, IncrementalDynamicAnalysis)
     return studies.fragility(analysis.fragility(), ax, in_symbols(analysis.measure))
 
 
@@ -60,7 +60,7 @@ def cloud(found: Cloud, ax: Axes | None = None) -> Axes:
 
     Demands of which only a lower bound is known are triangles.
     """
-    instance("cloud", "found", found, Cloud)
+    instance("found", found, Cloud)
     ax = new_axes(ax)
     im, demand, censored = found.intensity, found.demand, found.censored
     name, kind = in_words(found.name, found.topology), kind_of(found.name)

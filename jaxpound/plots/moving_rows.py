@@ -33,7 +33,7 @@ class Scene:
     the first yield of their storey on.
 
     ``reach`` is the largest displacement to leave room for, by default that of the run;
-    ``elevations`` are those of ``row``, and errors begin with ``owner``.
+    ``elevations`` are those of ``row``.
     """
 
     @in_house_style
@@ -43,10 +43,9 @@ class Scene:
         ax: Axes,
         reach: float | None = None,
         elevations: Sequence[Any] | None = None,
-        owner: str = "",
     ) -> None:
         buildings, tuned = stacks(response.topology), response.topology.tuned
-        heights = stack_heights(owner, response.topology, elevations)
+        heights = stack_heights(response.topology, elevations)
         reach = largest_displacement(response) if reach is None else reach
         building_of = {mass: b - 1 for mass, (b, _) in homes(response.topology).items()}
         self._time = np.asarray(response.time)
@@ -55,10 +54,10 @@ class Scene:
         start = [np.asarray(mass.x)[0] for mass in response.masses]
         between = []  # neighbours: the left one's number, a link's finite gap at rest, its ends
         for link in response.links:
-            left, other = sorted(building_of.get(end, GROUND) for end in two_ends(owner, link.ends))
+            left, other = sorted(building_of.get(end, GROUND) for end in two_ends(link.ends))
             rest = float(np.asarray(link.gap)[0] + elongation(link, start))
             if left != GROUND and other - left == 1 and np.isfinite(rest):
-                between.append((left, rest, two_ends(owner, link.ends)))
+                between.append((left, rest, two_ends(link.ends)))
         gaps = [[gap for left, gap, _ in between if left == b] for b in range(len(buildings) - 1)]
         spaces = [max(of_links, default=2.2 * reach) for of_links in gaps]
         self._width = w = 1.1 * max(reach + max(spaces, default=0.0), 2 * reach) or 1.0

@@ -33,11 +33,11 @@ def design_earthquake(event: RareEvent, number: int = 0) -> Figure:
     ``number`` is that of ``RareEvent.design_earthquakes``, the likeliest being 0; a ``ValueError``
     if there is none.
     """
-    instance("design_earthquake", "event", event, RareEvent)
+    instance("event", event, RareEvent)
     n = len(event.design_points)
     if not (is_whole(number) and 0 <= number < n):
         rule = f"from 0 to {n - 1}" if n else "of an event with design points; this one has none"
-        raise InvalidInput("design_earthquake", "number", repr(number), f"must be {rule}")
+        raise InvalidInput("number", repr(number), f"must be {rule}")
     state, earthquake = event.limit_state, event.design_earthquakes[number]
     response = simulate(earthquake.structures, earthquake.ground, state.grid, state.scheme)
     figure = house.new_figure(1.0, 1.6)
@@ -88,13 +88,13 @@ def probability_curve(events: Sequence[RareEvent], ax: Axes | None = None) -> Ax
     A ``ValueError`` if there are fewer than two events with a threshold, or of different demands.
     """
     for i, event in enumerate(events):
-        instance("probability_curve", f"events[{i}]", event, RareEvent)
+        instance(f"events[{i}]", event, RareEvent)
     states = [event.limit_state for event in events]
     if len(states) < 2 or any(state.threshold is None for state in states):
         rule = "must be two or more, each with a threshold"
-        raise InvalidInput("probability_curve", "events", "", rule)
+        raise InvalidInput("events", "", rule)
     if any(state.demand != states[0].demand for state in states):
-        raise InvalidInput("probability_curve", "events", "", "must be of one demand")
+        raise InvalidInput("events", "", "must be of one demand")
     ax = new_axes(ax)
     ranked = sorted(events, key=lambda event: event.limit_state.level)
     demand, nominal = states[0].demand, states[0].nominal

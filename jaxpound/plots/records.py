@@ -27,7 +27,7 @@ def accelerogram(record: GroundLike, ax: Axes | None = None, grid: TimeGrid | No
     ``grid`` is the instants drawn, in the motion's unit of time; by default a record's samples. A
     ``ValueError`` if it is no ground motion, or none but a record and there is no grid.
     """
-    require_ground("accelerogram: record", record)
+    require_ground("record", record)
     a, dt = map(np.asarray, intensity.samples_of(record, grid))
     ax, time = new_axes(ax), float(dt) * np.arange(a.size)
     in_seconds = _in_seconds(record)
@@ -55,9 +55,9 @@ def spectra(
     in that unit, by default 80 from 0.05 to 5; ``damping`` is a ratio, at least 0 and below 1.
     ``marks`` are natural periods to be marked, by name, such as those of two buildings.
     """
-    require_records("spectra", records, Mapping)
+    require_records(records, Mapping)
     t = np.geomspace(0.05, 5.0, 80) if periods is None else np.asarray(periods)
-    accelerations = intensity.spectra("spectra", [*records.values()], t, damping)
+    accelerations = intensity.spectra([*records.values()], t, damping)
     ax = new_axes(ax)
     for i, (name, spectrum) in enumerate(zip(records, accelerations, strict=True)):
         cycles, place = divmod(i, len(house.CYCLE))

@@ -40,9 +40,7 @@ _STOREY, _SLAB, _LINE = 0.45, 0.18, 0.15  # least height of a storey, floor, num
 
 @in_house_style
 def row(
-    structures: Structures,
-    elevations: Sequence[Any] | None = None,
-    ax: Axes | None = None,
+    structures: Structures, elevations: Sequence[Any] | None = None, ax: Axes | None = None
 ) -> Axes:
     """Buildings from left to right, with the numbers of their floors, storeys and links.
 
@@ -66,13 +64,13 @@ def row(
     >>> from jaxpound.plots import row
     >>> ax = row(jp.paper.structures())
     """
-    instance("row", "structures", structures, Structures)
+    instance("structures", structures, Structures)
     if not is_known_and_single(system := structures.system()):
-        raise InvalidInput("row", "structures", "", "must be known and one row, not a batch")
+        raise InvalidInput("structures", "", "must be known and one row, not a batch")
     buildings = stacks(system.topology)
-    heights = stack_heights("row", system.topology, elevations)
+    heights = stack_heights(system.topology, elevations)
     building_of = {mass: b for b, building in enumerate(buildings) for mass, _ in building}
-    ends_of_links = [two_ends("row", link.ends) for link in system.links]
+    ends_of_links = [two_ends(link.ends) for link in system.links]
     linked = [{building_of.get(end) for end in pair} for pair in ends_of_links]
     with_ends = zip(system.links, ends_of_links, strict=True)
     walls = {(building_of[max(x)], x[1] == GROUND) for link, x in with_ends if _has_wall(link)}
@@ -96,7 +94,7 @@ def row(
     for (x, _), homes, lines in zip(links, linked, numbers, strict=True):
         if len(homes) == 1 or (None in homes and not _has_wall(x)):
             by_line = [(line, colour) for text, colour in lines for line in text.split("\n")]
-            inside.setdefault(max(two_ends("row", x.ends)), []).extend(by_line)
+            inside.setdefault(max(two_ends(x.ends)), []).extend(by_line)
     extra = [*map(len, inside.values()), *(text.count("\n") for x in numbers for text, _ in x)]
     storey_inches = _STOREY + _LINE * max(extra, default=0)
     if ax is None:
@@ -129,38 +127,38 @@ def _has_wall(link: Link) -> bool:
     return GROUND in link.ends and bool(np.isfinite(link.gap))
 
 
-def floor_heights(owner: str, n_floors: Sequence[int], elevations: Any) -> list[np.ndarray]:
+def floor_heights(n_floors: Sequence[int], elevations: Any) -> list[np.ndarray]:
     """Height of each floor of each building above the ground: as given, or its number."""
     if elevations is None:
         return [np.arange(1.0, n + 1) for n in n_floors]
     rule = f"must be one for each of the {len(n_floors)} buildings"
     if isinstance(elevations, str) or not isinstance(elevations, Sequence | np.ndarray):
-        raise InvalidInput(owner, "elevations", reprlib.repr(elevations), rule)
+        raise InvalidInput("elevations", reprlib.repr(elevations), rule)
     if len(elevations) != len(n_floors):
-        raise InvalidInput(owner, f"elevations, {len(elevations)} of them,", "", rule)
+        raise InvalidInput(f"elevations, {len(elevations)} of them,", "", rule)
     return [
-        heights_above_ground(owner, f"elevations[{b}]", elevation, n)
+        heights_above_ground(f"elevations[{b}]", elevation, n)
         for b, (elevation, n) in enumerate(zip(elevations, n_floors, strict=True))
     ]
 
 
-def stack_heights(owner: str, topology: Topology, elevations: Any) -> list[np.ndarray]:
+def stack_heights(topology: Topology, elevations: Any) -> list[np.ndarray]:
     """``floor_heights``, and of tuned masses, each half a storey above what it stands on."""
-    heights = floor_heights(owner, [*map(len, floors(topology))], elevations)
+    heights = floor_heights([*map(len, floors(topology))], elevations)
     for b, stack in enumerate(stacks(topology)):
         ups, rise = heights[b], np.diff(heights[b], prepend=0.0)[-1] / 2
         heights[b] = np.append(ups, ups[-1] + rise * np.arange(1, len(stack) - ups.size + 1))
     return heights
 
 
-def heights_above_ground(owner: str, name: str, elevations: Any, n: int) -> np.ndarray:
+def heights_above_ground(name: str, elevations: Any, n: int) -> np.ndarray:
     """The heights of a building's n floors, as numbers."""
-    heights = np.asarray(real(owner, name, elevations), float)
+    heights = np.asarray(real(name, elevations), float)
     rises = heights.shape == (n,) and (np.diff(heights, prepend=0.0) > 0).all()
     if not (rises and np.isfinite(heights).all()):
         floors = f"{n} floor{'s' * (n > 1)}"
         rule = f"must be the heights of {floors} above the ground, finite, from the lowest up"
-        raise InvalidInput(owner, name, reprlib.repr(elevations), rule)
+        raise InvalidInput(name, reprlib.repr(elevations), rule)
     return heights
 
 
@@ -225,7 +223,7 @@ def _link(
     ax: Axes, link: Link, damper: Damper, places: Mapping[int, Place], slab: float, numbers: Lines
 ) -> None:
     """What is between two floors: a line from the one to the other, and its numbers."""
-    pair = two_ends("row", link.ends)
+    pair = two_ends(link.ends)
     j, i = sorted(pair)  # the ground comes first
     start, up, foot = places[i]
     second = (start, foot, foot) if j == GROUND else places[j]

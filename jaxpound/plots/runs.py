@@ -64,7 +64,7 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
     gap comes near it. Impacts of a single run, by a law of contact, are marked where they begin,
     and named instead. Else the legend of a pair says how far the gap at rest has closed.
     """
-    lines = curves.gaps_of("gap", response)
+    lines = curves.gaps_of(response)
     ax = curves.over_time(response, ax, "gap", "length", lines, r"$\xi$")
     smallest = np.ravel(response.min_gap)
     low, high = float(smallest.min()), max(float(np.nanmax(curve.values)) for curve in lines)
@@ -98,11 +98,11 @@ def gap(response: Response, ax: Axes | None = None) -> Axes:
 @in_house_style
 def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
     """Gaps ξ over time of several runs by name, the first in grey, and the smallest of each."""
-    runs = list(same_units("gaps", responses).values())
+    runs = list(same_units(responses).values())
     for name, response, colour in zip(responses, runs, house.shades(len(runs)), strict=True):
         ax = curves.run_axes(response, ax)
         smallest = house.in_unit(float(np.min(response.min_gap)), "length", response.si)
-        for i, curve in enumerate(curves.gaps_of("gaps", response)):
+        for i, curve in enumerate(curves.gaps_of(response)):
             drawn = curve._replace(label="_" if i else f"{name}: min {smallest}", colour=colour)
             curves.draw_curve(ax, response.time, 1.0, drawn)
     assert ax is not None
@@ -117,7 +117,7 @@ def gaps(responses: Mapping[str, Response], ax: Axes | None = None) -> Axes:
 @in_house_style
 def friction_force(response: Response, ax: Axes | None = None) -> Axes:
     """Friction force q of each link over time; of one in a single run stick is shaded."""
-    lines = [*curves.frictions("friction_force", response).values()]
+    lines = [*curves.frictions(response).values()]
     ax = curves.over_time(response, ax, "friction force", "force", lines, "$q$")
     if np.ndim(response.time) > 1 or len(lines) > 1:
         return ax
@@ -136,7 +136,7 @@ def contact_force(response: Response, ax: Axes | None = None) -> Axes:
     force: what is drawn then presses blocks together at rest. Of a user-defined law in other units
     than the run's there are only the instants; the marks have the largest forces all the same.
     """
-    contacts = curves.contacts("contact_force", response)
+    contacts = curves.contacts(response)
     lines = [curve for curve, _ in contacts.values()]
     peaks = []
     for hit in [] if response.batch else response.impacts():
@@ -192,7 +192,7 @@ def hysteresis(response: Response, kind: str = "rod", numbers: Any = None) -> Fi
     The kind is "rod", "friction" or "contact", as of the functions. ``numbers`` are those of rods
     or links, from 0; by default those with a force, at most 20 at even distances.
     """
-    require_one_of("hysteresis", kind, ("rod", "friction", "contact"), "kind")
+    require_one_of(kind, ("rod", "friction", "contact"), "kind")
     loops = _loops(kind, response)
     acting = [k for k, x in loops.curves.items() if np.any(x.values)] or [*loops.curves]
     evenly = np.linspace(0, len(acting) - 1, min(len(acting), 20)).round().astype(int)
@@ -214,21 +214,20 @@ def hysteresis(response: Response, kind: str = "rod", numbers: Any = None) -> Fi
 
 def _loops(kind: str, response: Response) -> Loops:
     """The loops of all rods, dampers or contacts."""
-    owner = f"{kind}_hysteresis"
     if kind == "rod":
         lines = curves.of_each(response, "rods", "force", "structure {}")
         words = "elongation", "rod force $f$"
         if is_pair(response):
             words = "displacement $x_1$, $x_2$", "rod force $f_1$, $f_2$"
-        return Loops(owner, "rods", response.elongations, dict(enumerate(lines)), *words)
+        return Loops("rods", response.elongations, dict(enumerate(lines)), *words)
     if kind == "contact":
-        contacts = curves.contacts(owner, response)
+        contacts = curves.contacts(response)
         depths = {k: path.penetration for k, (_, path) in contacts.items()}
         by_link = {k: curve for k, (curve, _) in contacts.items()}
-        return Loops(owner, "links", depths, by_link, r"penetration $\delta$", "contact force $p$")
-    by_link, slips = curves.frictions(owner, response), response.closings
+        return Loops("links", depths, by_link, r"penetration $\delta$", "contact force $p$")
+    by_link, slips = curves.frictions(response), response.closings
     across = "slip $x_1 - x_2$" if is_pair(response) else "slip $x_i - x_j$"
-    return Loops(owner, "links", slips, by_link, across, "friction force $q$")
+    return Loops("links", slips, by_link, across, "friction force $q$")
 
 
 @in_house_style
@@ -239,7 +238,7 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     what is lost by contact and stored in it; the line is the input, with the energy at t = 0 of a
     run that does not start at rest. Their difference, also a line, is the residual of the balance.
     """
-    require_single("energy", response)
+    require_single(response)
     ax = curves.run_axes(response, ax)
     terms, time = response.energy, np.asarray(response.time)
     factor, words = series_axis(response, "energy $E$", "energy", [terms.input])
@@ -289,7 +288,7 @@ def side_by_side(
     drawings: Sequence[Drawing] = (ground_motion, displacements, friction_force, gap),
 ) -> Figure:
     """Runs by name as columns, drawings as rows, each row to one scale."""
-    runs = same_units("side_by_side", responses)
+    runs = same_units(responses)
     n = len(runs)
     result = house.new_figure(2 if n < 3 else 0.8 * n, 0.825 * max(len(drawings), 1.2))
     panels = result.subplots(len(drawings), n, squeeze=False)

@@ -41,7 +41,7 @@ class ExactSlider(widgets.HBox):
     @traitlets.validate("value")
     def _check(self, proposal: Any) -> float:
         value: float = proposal["value"]
-        enforce("ExactSlider", [Rule(self._words, value, finite(value), "finite")])
+        enforce([Rule(self._words, value, finite(value), "finite")])
         return value
 
     def _nearest(self, value: float) -> int:

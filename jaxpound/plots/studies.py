@@ -119,9 +119,7 @@ def exceedance(study: Study, ax: Axes | None = None, rules_at: float | None = No
 
 @in_house_style
 def fragility(
-    curve: Fragility | Mapping[str, Fragility],
-    ax: Axes | None = None,
-    intensity: str | None = None,
+    curve: Fragility | Mapping[str, Fragility], ax: Axes | None = None, intensity: str | None = None
 ) -> Axes:
     """Fragility curve with its 95 % band and the data; or several curves by name.
 
@@ -184,11 +182,11 @@ def fragility(
 
 def _named(curves: Mapping[str, Fragility]) -> list[tuple[str, str, Fragility]]:
     """Name in the legend and colour of each of several curves."""
-    instance("fragility", "curve", curves, Mapping)
+    instance("curve", curves, Mapping)
     if not curves:
-        raise InvalidInput("fragility", "curve", "{}", "must hold at least one curve")
+        raise InvalidInput("curve", "{}", "must hold at least one curve")
     for name, curve in curves.items():
-        instance("fragility", f"curve[{name!r}]", curve, Fragility)
+        instance(f"curve[{name!r}]", curve, Fragility)
     names = [name for name in curves if name != ANY_LINK]
     shown = zip(house.ends_named(names), house.numbered_colours(len(names)), strict=True)
     named = dict(zip(names, shown, strict=True)) | {ANY_LINK: (ANY_LINK, "ground")}
@@ -212,7 +210,7 @@ def scatter_matrix(
         ranked = sorted(sizes, key=lambda name: -sizes[name])[:4]
         names = [name for name in ranked if sizes[name] > 1.96 / len(study) ** 0.5] or ranked[:1]
     for name in names:
-        require_one_of("scatter_matrix", name, parameters)
+        require_one_of(name, parameters)
     figure = house.new_figure(0.35 + 0.4 * len(names), 0.13 + 0.72 * len(demands))
     panels = figure.subplots(len(demands), len(names), sharex="col", sharey="row", squeeze=False)
     for row, demand in zip(panels, demands, strict=True):

@@ -35,7 +35,7 @@ def spectra(
     ``ScaledSuite``, but no lower than two sample intervals. ``damping`` is the ratio of the
     spectra; if there is a target, its.
     """
-    instance("spectra", "suite", suite, RecordSuite, ScaledSuite)
+    instance("suite", suite, RecordSuite, ScaledSuite)
     records, span = (suite.suite, suite.range) if isinstance(suite, ScaledSuite) else (suite, None)
     if isinstance(suite, ScaledSuite):
         target = target or suite.target

@@ -23,10 +23,10 @@ def cyclic_test(
 
     ``measured`` are forces at its displacements, shape (n,); a ``ValueError`` for another shape.
     """
-    instance("cyclic_test", "test", test, CyclicTest)
+    instance("test", test, CyclicTest)
     ax, x, series = new_axes(ax), test.displacement, dict[str, Any]()
     if measured is not None:
-        series["measured"] = array("cyclic_test", "measured", measured, x.shape)
+        series["measured"] = array("measured", measured, x.shape)
     series["law"] = test.force
     factor, up = house.with_unit("force $f$", "force", si, float(np.abs(test.force).max()))
     for name, force in series.items():

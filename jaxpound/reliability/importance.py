@@ -25,8 +25,6 @@ from jaxpound.reliability.result import NO_ESTIMATE, RAREST, RareEvent, Samples,
 from jaxpound.scenarios.sampling import Points, as_key, key_numbers, points
 from jaxpound.store.archive import DamagedError, digest, opened, write_archive
 
-OWNER = "rare_event"
-
 BATCH = 256  # runs: sample i is in batch i // 256 on every machine
 _GUARD = 0.1  # share of the samples from the guard
 _SPARSE = 0.1  # share of the guard's density below which that around the design points is thin
@@ -98,7 +96,7 @@ class DesignPointSearch:
     ) -> None:
         self.runs = self.gradients = 0  # so far
         self._state, self._cov, self._most, self._bar = state, cov, most, bar
-        kind, self._numbers = key_numbers(OWNER, key)
+        kind, self._numbers = key_numbers(key)
         # Of d + 1 numbers: the last selects a part of the mixture.
         self._normal = points("plain", as_key(kind, self._numbers), state.dimension + 1)
         self._start, self._folder = start, None if folder is None else Path(folder)
@@ -113,7 +111,7 @@ class DesignPointSearch:
         if points is None or not points.form() <= COMMON / 2:  # NaN without points
             self._bar.set_postfix_str(COMPILING)
             pilot = self._batch(0, None)
-            require_dependence(OWNER, self._state, pilot.points, pilot.values)
+            require_dependence(self._state, pilot.points, pilot.values)
             if pilot.probability > COMMON:
                 return self._plain(pilot)
         points = self._design_points() if points is None else points
@@ -122,8 +120,8 @@ class DesignPointSearch:
             return self._around(points, doubt)
         if only_by_points:
             rule = f"must lead to the limit state, but none of {points.failed} searches has"
-            rule += " reached it; use method = 'subset', or in reach_probability another value to"
-            raise InvalidInput(OWNER, "gradients", "", f"{rule} start from")
+            rule += " reached it; use the method 'subset', or in reach_probability another value to"
+            raise InvalidInput("gradients", "", f"{rule} start from")
         return doubt
 
     def _design_points(self) -> DesignPoints:
@@ -168,7 +166,7 @@ class DesignPointSearch:
                 return DesignPoints(**fields)
         except DamagedError as error:
             damage = f"{_POINTS_FILE} is damaged ({error}); it is made anew"
-            warn(f"store {folder}", [damage], category=UserWarning)
+            warn([f"store {folder}: {damage}"], category=UserWarning)
         except FileNotFoundError:
             pass
         points = self._search()

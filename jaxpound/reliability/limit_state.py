@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound._checks import not_negative, number
-from jaxpound._errors import InvalidInput, warn
+from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._fields import check, parameter, part
 from jaxpound._xla.batches import in_chunks
 from jaxpound.buildings import Buildings
@@ -33,8 +33,6 @@ from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
 from jaxpound.store.store import RunLog, identity, program_digest
 from jaxpound.study.demands import doubts
-
-OWNER = "LimitState"
 
 COMPILING = "compiling the runs"  # what a progress bar says before the first run
 _STRONGER = (3.0, 10.0)  # factors of z for the runs that check a seemingly constant demand
@@ -99,8 +97,10 @@ class LimitState:
         if self.threshold is not None:
             object.__setattr__(self, "threshold", float(self.threshold))
         elif self.demand != REQUIRED_GAP:
-            named.require_threshold(OWNER, self.demand)
-        require_paths(f"{OWNER}: changes", self.nominal, self.changes)
+            named.require_threshold(self.demand)
+        nominal = self.nominal
+        with renamed("changes"):
+            require_paths(nominal, self.changes)
 
     def __reduce__(self) -> tuple[Any, ...]:  # without compiled programs, which are made anew
         return LimitState, tuple(getattr(self, x.name) for x in dataclasses.fields(self))
@@ -157,7 +157,7 @@ class LimitState:
         """``values``, and the times of the smallest gap; NaN for other demands, shape (n,) each."""
         if np.ndim(z) != 2 or not len(z) or np.shape(z)[1] != self.dimension:
             rule = f"of shape {np.shape(z)} must be of shape (n, {self.dimension}), n at least 1"
-            raise InvalidInput(f"{OWNER}.values", "z", "", rule)
+            raise InvalidInput("z", "", rule)
         demanded, times = self._programs.observed(z, self.changes)
         return demanded - self.level, times
 
@@ -178,7 +178,7 @@ class LimitState:
     ) -> dict[str, np.ndarray]:
         """Derivatives of ``values`` by chosen or all parameters, by path, shape (n,) each."""
         names = tuple(paths(self.nominal) if chosen is None else chosen)
-        require_paths(f"{OWNER}.sensitivities", self.nominal, names)
+        require_paths(self.nominal, names)
         return self._programs.sensitivities(names)(z, self.changes)
 
     @property
@@ -208,7 +208,7 @@ class LimitState:
         structures, ground = self.realized(z, changes, passing=gaps)
         scalars = demand(structures, ground, self.grid, self.scheme)
         spec = named.OVERLAP if gaps and self.threshold is None else self.demand
-        demanded = named.value_of(OWNER, structures.system(), scalars, spec)
+        demanded = named.value_of(structures.system(), scalars, spec)
         return demanded, scalars.min_gap_time if gaps else jnp.nan * demanded
 
     def at_instant(self, z: Any, changes: Mapping[str, Any], instant: Any, row: Any) -> Any:
@@ -221,7 +221,6 @@ class LimitState:
 
 
 def state_of(
-    owner: str,
     scenarios: ScenarioSet | LimitState,
     grid: Any,
     gap: Any,
@@ -235,32 +234,33 @@ def state_of(
         for name, value in others.items():
             if value is not None:
                 rule = "must be left out beside a LimitState, which has its own"
-                raise InvalidInput(owner, name, reprlib.repr(value), rule)
-        state, findings = scenarios, doubts(owner, scenarios.scenarios, scenarios.grid)
+                raise InvalidInput(name, reprlib.repr(value), rule)
+        state, findings = scenarios, doubts(scenarios.scenarios, scenarios.grid)
     else:
         if gap is not None and (demand != REQUIRED_GAP or threshold is not None):
             rule = "must be None where another demand is given"
-            raise InvalidInput(owner, "gap", repr(gap), rule)
+            raise InvalidInput("gap", repr(gap), rule)
         if gap is not None:
-            (threshold,) = not_negative(owner, gap=number(owner, "gap", gap))
-        findings = doubts(owner, scenarios, grid)
-        state = LimitState(scenarios, grid, demand=demand, threshold=threshold)
+            (threshold,) = not_negative(gap=number("gap", gap))
+        findings = doubts(scenarios, grid)
+        with renamed():
+            state = LimitState(scenarios, grid, demand=demand, threshold=threshold)
     if state.demand != REQUIRED_GAP:  # whose runs leave laws of contact out
-        warn(owner, findings, strict=False)
+        warn(findings, strict=False)
     return state
 
 
-def require_dependence(owner: str, state: LimitState, z: Any, values: Any) -> None:
+def require_dependence(state: LimitState, z: Any, values: Any) -> None:
     """An ``InvalidInput`` if a demand is the same at points z, and under stronger motions, too."""
     if not np.isfinite(values).any():
         rule = f"must be a number, but is none in {len(z):,} random runs"
-        raise InvalidInput(owner, "demand", "", rule)
+        raise InvalidInput("demand", "", rule)
     if np.ptp(values[np.isfinite(values)]) > 0:
         return
     if not np.ptp([values, *(state.values(factor * z) for factor in _STRONGER)]) > 0:
         constant = f"{values[0] + state.level:.6g} in {len(z) * (1 + len(_STRONGER)):,} random runs"
         rule = f"must depend on the random numbers of the scenarios, but is {constant}"
-        raise InvalidInput(owner, "demand", "", rule)
+        raise InvalidInput("demand", "", rule)
 
 
 class LimitStatePrograms:
@@ -269,10 +269,10 @@ class LimitStatePrograms:
     def __init__(self, state: LimitState) -> None:
         origin = jnp.zeros(state.dimension)
         self.nominal, _ = state.scenarios.realize(origin)
-        single_system(OWNER, self.nominal)
+        single_system(self.nominal)
         shape, _ = jax.eval_shape(lambda z: state.observed(z, {}), origin)
         if shape.shape:
-            raise InvalidInput(OWNER, "demand", "", f"of shape {shape.shape} must be one number")
+            raise InvalidInput("demand", "", f"of shape {shape.shape} must be one number")
         system = self.nominal.system()
         self.series = series_of(system, state.demand, state.threshold is None)
         self.searches_overlaps = bool(self.series) and is_by_impacts(system, state.demand)
@@ -341,7 +341,7 @@ class SearchRuns:
         self._finished: dict[BatchId, np.ndarray] = {}
         if folder is None:
             return
-        kind, numbers = key_numbers("rare_event", key)
+        kind, numbers = key_numbers(key)
         described["key"] = {"kind": kind, "numbers": list(numbers)}
         names = ("demand", "threshold", "changes", "scenarios", "grid", "scheme")
         described |= {name: getattr(state, name) for name in names}

@@ -188,7 +188,7 @@ class RareEvent(Shown):
         For a bound, whose c.o.v. is NaN, the interval begins at 0. Raises ``ValueError`` if
         confidence is not between 0 and 1.
         """
-        require_share("RareEvent.interval", "confidence", confidence)
+        require_share("confidence", confidence)
         p, cov = self.probability, self.cov
         if not (p > 0 and math.isfinite(cov)):
             return Estimate(p, 0.0, p if math.isnan(cov) else math.nan, confidence)
@@ -220,7 +220,7 @@ class RareEvent(Shown):
 
         Raises ``ValueError`` if there is no such parameter; as ``slopes``.
         """
-        require_paths("RareEvent.slope", self.limit_state.nominal, [path])
+        require_paths(self.limit_state.nominal, [path])
         return self.slopes[path]
 
     @property
@@ -233,7 +233,7 @@ class RareEvent(Shown):
         weights, values = self.samples.weights, self.samples.values
         hit = self.samples.parts
         rule = "must have at least {} samples, of several values, that reach the limit state"
-        refusal = InvalidInput("RareEvent.slope", "the event", "", rule.format(_FEWEST))
+        refusal = InvalidInput("the event", "", rule.format(_FEWEST))
         if np.count_nonzero(hit) < _FEWEST:
             raise refusal
         order = np.argsort(-values, kind="stable")

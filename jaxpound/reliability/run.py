@@ -14,7 +14,7 @@ from jaxpound._checks import hint, instance, require_share
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._fields import Checked, parameter, part
 from jaxpound.grid import TimeGrid
-from jaxpound.reliability.importance import OWNER, DesignPointSearch
+from jaxpound.reliability.importance import DesignPointSearch
 from jaxpound.reliability.limit_state import LimitState, state_of
 from jaxpound.reliability.result import RareEvent
 from jaxpound.reliability.subset import SubsetSearch, simulated
@@ -57,7 +57,7 @@ class EventSearch(Checked):
         super().__post_init__()
         if self.method not in _METHODS:
             rule = f"method = {self.method!r}; {hint(self.method, _METHODS)}"
-            raise InvalidInput("EventSearch", "", "", rule)
+            raise InvalidInput("", "", rule)
 
     def start_of(self, state: LimitState) -> RareEvent | None:
         """The event from whose design points the search of a limit state starts, if it has any."""
@@ -66,11 +66,11 @@ class EventSearch(Checked):
         before = self.start.limit_state
         if before.dimension != state.dimension:
             rule = f"must be of scenarios of {state.dimension} numbers, as these are"
-            raise InvalidInput(OWNER, f"start of {before.dimension}", "", rule)
+            raise InvalidInput(f"start of {before.dimension}", "", rule)
         by_name = isinstance(state.demand, str) or isinstance(before.demand, str)
         if (by_name and before.demand != state.demand) or len(before.series) != len(state.series):
             rule = f"must be of {state.demand!r}, as this event is"
-            raise InvalidInput(OWNER, f"start of the demand {before.demand!r}", "", rule)
+            raise InvalidInput(f"start of the demand {before.demand!r}", "", rule)
         return self.start if len(self.start.design_points) else None
 
 
@@ -153,8 +153,8 @@ def rare_event(
     >>> bool(jp.demand(earthquake.structures, earthquake.ground, grid).min_gap < 1 - 0.399)
     True
     """
-    state = state_of(OWNER, scenarios, grid, gap, demand, threshold)
-    instance(OWNER, "search", search, EventSearch)
+    state = state_of(scenarios, grid, gap, demand, threshold)
+    instance("search", search, EventSearch)
     return event_of(state, cov, search, key, store, progress)
 
 
@@ -167,8 +167,8 @@ def event_of(
     progress: bool,
 ) -> RareEvent:
     """``rare_event`` of a limit state."""
-    require_share(OWNER, "cov", cov)
-    sampling.key_numbers(OWNER, key)  # refuses a wrong key
+    require_share("cov", cov)
+    sampling.key_numbers(key)  # refuses a wrong key
     start, most = options.start_of(state), options.max_runs
     subset, why = choice(state, options.method)
     runs = gradients = 0
@@ -191,7 +191,7 @@ def choice(state: LimitState, method: str) -> tuple[bool, str]:
     if method == "subset":
         return True, ""
     if method == "design points":
-        require_smooth(OWNER, state, "use method = 'subset'")
+        require_smooth(state, "use the method 'subset'")
     elif names := state.discrete_names:
         return True, f"{names} discrete: "
     elif state.dimension < _FEW:
@@ -199,8 +199,8 @@ def choice(state: LimitState, method: str) -> tuple[bool, str]:
     return False, ""
 
 
-def require_smooth(owner: str, state: LimitState, instead: str) -> None:
+def require_smooth(state: LimitState, instead: str) -> None:
     """An ``InvalidInput`` for scenarios with discrete numbers, which have no gradients."""
     if names := state.discrete_names:
         rule = f"must not be discrete for design points, which need gradients; {instead}"
-        raise InvalidInput(owner, f"scenarios: {names}", "", rule)
+        raise InvalidInput(f"scenarios: {names}", "", rule)

@@ -31,8 +31,6 @@ from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
 from jaxpound.scenarios.scenarios import ScenarioSet
 
-OWNER = "subset_simulation"
-
 _PART = 2048  # runs after which a file is written, but for queries of more
 _COLUMNS = ("repeat", "request", "value")
 _ACCEPTANCE = 0.44  # share of accepted moves to which the steps' scale is adapted
@@ -70,7 +68,7 @@ class SubsetSearch(Checked):
         super().__post_init__()
         few = f"at least {_FEWEST_SEEDS} for chains to start from"
         few += f", {_FEWEST_SEEDS / self.p0:.0f} samples"
-        enforce("SubsetSearch", [Rule("p0 n", self.seeds, self.seeds >= _FEWEST_SEEDS, few)])
+        enforce([Rule("p0 n", self.seeds, self.seeds >= _FEWEST_SEEDS, few)])
 
     @property
     def seeds(self) -> int:
@@ -132,8 +130,8 @@ def subset_simulation(
     >>> 1e-3 < event.probability < 3e-2
     True
     """
-    state = limit_state.state_of(OWNER, scenarios, grid, gap, demand, threshold)
-    instance(OWNER, "search", search, SubsetSearch)
+    state = limit_state.state_of(scenarios, grid, gap, demand, threshold)
+    instance("search", search, SubsetSearch)
     return simulated(state, cov, search, key, store, progress)
 
 
@@ -147,11 +145,11 @@ def simulated(
 ) -> RareEvent:
     """``subset_simulation`` of a limit state."""
     if cov is not None:
-        positive(OWNER, cov=cov)
+        positive(cov=cov)
     n, p0, max_runs = options.n, options.p0, options.max_runs
     most = max(max_runs, n * options.repeats)
-    require_memory(OWNER, "max_runs", most, most * (state.dimension + 2) * 8)
-    _, numbers = key_numbers(OWNER, key)
+    require_memory("max_runs", most, most * (state.dimension + 2) * 8)
+    _, numbers = key_numbers(key)
     described = {"n": n, "p0": float(p0), "numpy": np.__version__}  # NumPy draws
     search, part = "a subset simulation", max(n, _PART)
     levels: list[list[Level]] = []  # of each repeat
@@ -171,7 +169,7 @@ def simulated(
                 steps[r] = levels_of_samples(state.dimension, n, p0, random)
             levels = levels + run_in_lockstep(runs, steps, report)
             if all(len(x) == 1 for x in levels):
-                require_dependence(OWNER, state, levels[0][0].points, levels[0][0].values)
+                require_dependence(state, levels[0][0].points, levels[0][0].values)
             bar.set_postfix_str(_so_far(levels))
             (estimates, spread), room = _estimate(levels), max_runs - runs.count
             more = 0

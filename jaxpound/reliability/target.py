@@ -22,8 +22,6 @@ from jaxpound.reliability.result import RareEvent, Slope
 from jaxpound.reliability.run import EventSearch, event_of, require_smooth
 from jaxpound.scenarios.scenarios import ScenarioSet
 
-OWNER = "reach_probability"
-
 # What to do about scenarios with discrete numbers.
 WITHOUT_JUMPS = "wavelets have no jumps with negative = 0, records none if there is one"
 _MOST = 12
@@ -128,14 +126,14 @@ def reach_probability(
     >>> 0.05 < result.value < 0.5, 0.9e-4 < result.event.probability < 1.1e-4
     (True, True)
     """
-    require_share(OWNER, "probability", probability)
-    require_share(OWNER, "tolerance", tolerance)
-    first = state_of(OWNER, scenarios, grid, gap)
-    require_smooth(OWNER, first, WITHOUT_JUMPS)
+    require_share("probability", probability)
+    require_share("tolerance", tolerance)
+    first = state_of(scenarios, grid, gap)
+    require_smooth(first, WITHOUT_JUMPS)
     nominal = first.nominal
-    require_paths(OWNER, nominal, [path])
+    require_paths(nominal, [path])
     value = float(get(nominal, path))
-    enforce(OWNER, [Rule(path, value, finite(value), "finite")])
+    enforce([Rule(path, value, finite(value), "finite")])
     low, high = map(float, interval(nominal, path))
     steps: list[TargetStep] = []
     event, runs, gradients = start, 0, 0
@@ -147,7 +145,7 @@ def reach_probability(
         runs, gradients = runs + event.runs, gradients + event.gradients
         if not math.isfinite(event.cov) or event.probability == 1:
             rule = f"must lead to a probability that can be estimated: {'; '.join(event.warnings)}"
-            raise InvalidInput(OWNER, path, f"{value:.6g}", rule)
+            raise InvalidInput(path, f"{value:.6g}", rule)
         slope = event.slopes_by([path])[path]  # by all parameters it takes longer to compile
         steps.append(TargetStep(value, event.probability, event.cov, slope))
         missing = math.log(probability / event.probability)
@@ -155,13 +153,13 @@ def reach_probability(
             break
         if not abs(slope.value) > _FLAT * slope.error:
             rule = f"must depend on {path} = {value:.6g}, but d ln P is {slope}"
-            raise InvalidInput(OWNER, f"the probability {event.probability:.3g}", "", rule)
+            raise InvalidInput(f"the probability {event.probability:.3g}", "", rule)
         change = max(-_FARTHEST, min(missing, _FARTHEST)) / slope.value
         value = _within(steps, value + change, low, high, probability)
     else:
         last = f"{steps[-1].probability:.3g} at {path} = {steps[-1].value:.6g}"
         rule = f"must be reached in {_MOST} steps; the last has {last}"
-        raise InvalidInput(OWNER, "probability", f"{probability:g}", rule)
+        raise InvalidInput("probability", f"{probability:g}", rule)
     error = abs(event.cov / slope.value) if slope.value else math.inf
     structures, target = put(nominal, {path: value}), float(probability)
     return TargetResult(

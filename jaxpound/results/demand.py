@@ -103,7 +103,7 @@ class Demand(ByElement, Columnar, Shown):
             return cls(**groups, **fields, si=si)
         except TypeError as error:
             rule = f"must be complete: {error}"
-            raise InvalidInput("Demand.of_columns", "columns", "", rule) from error
+            raise InvalidInput("columns", "", rule) from error
 
     def only(self, names: Iterable[str]) -> Demand:
         """The scalars with these flat names, a ``ValueError`` if it has none; all others are None.
@@ -121,7 +121,7 @@ class Demand(ByElement, Columnar, Shown):
                 kept.add((place.group, place.element, place.field))
             else:
                 meant = hint(name, [*over_links, *present_names])
-                raise InvalidInput("only", "", "", f"unknown {name!r}; {meant}")
+                raise InvalidInput("", "", f"unknown {name!r}; {meant}")
 
         def reduced(group: str, i: int, item: Any) -> Any:
             fields = quantities(type(item))

@@ -201,7 +201,7 @@ class Columnar:
 
     def to_pandas(self) -> DataFrame:
         """All columns as a data frame; an ``ImportError`` without pandas (extra ``tables``)."""
-        pandas = require("to_pandas", "pandas")
+        pandas = require("pandas")
         index, columns = self._index_and_columns()
         return pandas.DataFrame(index | columns).set_index([*index])
 
@@ -228,6 +228,6 @@ class Columnar:
         the folder is missing.
         """
         for library in ("pandas", "pyarrow"):
-            require("to_parquet", library)
+            require(library)
         require_folder(path)
         self.to_pandas().to_parquet(path, engine="pyarrow")

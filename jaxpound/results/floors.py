@@ -62,7 +62,7 @@ class FloorDemands(Columnar, Shown):
         """Largest drift of the storey below each floor over its height; needs SI and heights."""
         if not (self.heights and self.si):
             rule = "needs drifts in SI and the buildings: floor_demands(row, found, buildings)"
-            raise InvalidInput("FloorDemands.drift_ratio", "it", "", rule)
+            raise InvalidInput("it", "", rule)
         return self.drift / np.array(self.heights)
 
     @property
@@ -133,27 +133,27 @@ def floor_demands(
     >>> high.drift.round(3).tolist()
     [0.328, 0.253, 0.392]
     """
-    instance("floor_demands", "structures", structures, Structures)
-    instance("floor_demands", "found", found, Demand)
+    instance("structures", structures, Structures)
+    instance("found", found, Demand)
     topology = structures.system().topology
     for name, n in sizes_of(topology).items():
         if (count := len(getattr(found, name))) != n:
             rule = f"has {count} {name}; it must be of these structures, which have {n}"
-            raise InvalidInput("floor_demands", "found", "", rule)
+            raise InvalidInput("found", "", rule)
     if [rod.peak_drift is not None for rod in found.rods] != [*map(is_storey, topology.rods)]:
         rule = "must be of these structures, but is of other storeys"
-        raise InvalidInput("floor_demands", "found", "", rule)
+        raise InvalidInput("found", "", rule)
     n_floors = [len(building) for building in floors(topology)]
     if buildings is None and in_si(structures):
         buildings = getattr(structures, "buildings", None)
     heights: list[tuple[float, ...]] = [()] * len(n_floors)
     if buildings is not None:
-        buildings = as_tuple("floor_demands", "buildings", buildings)
+        buildings = as_tuple("buildings", buildings)
         for b, building in enumerate(buildings):
-            instance("floor_demands", f"buildings.{b}", building, ShearBuilding, Building)
+            instance(f"buildings.{b}", building, ShearBuilding, Building)
         if [getattr(building, "n_floors", 1) for building in buildings] != n_floors:
             rule = f"must be those of the structures, of {n_floors} floors"
-            raise InvalidInput("floor_demands", "buildings", "", rule)
+            raise InvalidInput("buildings", "", rule)
         sizes = zip(buildings, n_floors, strict=True)
         heights = [getattr(building, "heights", ())[:n] for building, n in sizes]
     return tuple(_of_building(b, topology, found, each) for b, each in enumerate(heights))
@@ -172,7 +172,7 @@ def _of_building(
         largest = dict.fromkeys(masses, zero)
         for link, ends in zip(demand.links, topology.links, strict=True):
             if (force := link.peak_contact) is not None:
-                end = two_ends("floors", ends)[side]
+                end = two_ends(ends)[side]
                 if end in largest:
                     largest[end] = jnp.maximum(largest[end], force)
         return stacked(list(largest.values()))

@@ -15,13 +15,14 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxpound._checks import did_you_mean, hint, real
+from jaxpound._checks import Range, did_you_mean, hint, real
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger
 from jaxpound._fields import Quantity
 from jaxpound.model.contact import Newton
 from jaxpound.model.dampers import PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of
+from jaxpound.model.plausibility import GAP
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import Link, Rod, System, is_closable
 from jaxpound.model.topology import GROUND, Topology, is_storey
@@ -78,6 +79,25 @@ def quantity_named(name: str) -> Quantity | None:
 def kind_of(name: str) -> str | None:
     """Kind of quantity of a demand; None for a pure number and for any other column."""
     return getattr(quantity_named(name), "kind", None)
+
+
+_THRESHOLDS = {  # in SI, by the kind of quantity
+    "force": Range(1e-6, 1e12, "N", "a hundred times the weight of the heaviest tower"),
+    "length": Range(1e-9, 1e3, "m", "up to a kilometre"),
+    "acceleration": Range(1e-6, 1e4, "m/s²", "up to a thousand times gravity"),
+    "velocity": Range(1e-6, 1e3, "m/s", "faster than sound"),
+    "time": Range(1e-6, 3600, "s", "from the start of the run"),
+    "energy": Range(1e-9, 1e15, "J", "a force and a length of these sizes"),
+    "mass": Range(1e-6, 1e12, "kg", "up to the inertance of many buildings"),
+    "impulse": Range(1e-9, 1e15, "N s", "a force for a time"),
+    None: Range(1e-9, 1e9, "", "of a count or a ratio"),
+}
+
+
+def threshold_range(demand: str) -> Range:
+    """The range of a threshold or limit of a demand in SI: beyond it all runs reach it, or none."""
+    within = _THRESHOLDS[kind_of(demand)]
+    return GAP._replace(low=within.low) if demand == REQUIRED_GAP else within
 
 
 def unit_of(name: str, si: bool) -> str:
@@ -233,16 +253,16 @@ def limited_values(
     )
 
 
-def value_of(owner: str, system: System, demand: Demand, spec: DemandSpec) -> Any:
+def value_of(system: System, demand: Demand, spec: DemandSpec) -> Any:
     """The demand of a run by its name or the user's function; traceable.
 
     Raises ``InvalidInput`` if the structures have no such demand, or the function gives no number.
     """
     if not isinstance(spec, str):
-        value = jnp.asarray(real(owner, "demand", spec(demand)))
+        value = jnp.asarray(real("demand", spec(demand)))
         return value.astype(jnp.result_type(float, value))
     if spec in (REQUIRED_GAP, OVERLAP) and not any(is_closable(x.gap) for x in system.links):
-        raise InvalidInput(owner, "structures", "", "must have a link whose gap is finite")
+        raise InvalidInput("structures", "", "must have a link whose gap is finite")
     if spec == OVERLAP:
         return -demand.min_gap
     if spec in (values := all_demands(system, demand)):
@@ -250,23 +270,23 @@ def value_of(owner: str, system: System, demand: Demand, spec: DemandSpec) -> An
     of_all = spec in (*OF_YIELDING, "collapsed")
     only = "yielding" if of_all else getattr(quantity_named(spec), "only", "")
     if needed := {"contact": "a contact law", "yielding": "a rod that yields"}.get(only):
-        raise InvalidInput(owner, "demand", repr(spec), f"must be of structures with {needed}")
-    raise InvalidInput(owner, "", "", f"unknown demand {reprlib.repr(spec)}; {hint(spec, values)}")
+        raise InvalidInput("demand", repr(spec), f"must be of structures with {needed}")
+    raise InvalidInput("", "", f"unknown demand {reprlib.repr(spec)}; {hint(spec, values)}")
 
 
-def require_limited(owner: str, name: Any, place: str) -> None:
+def require_limited(name: Any, place: str) -> None:
     """An ``InvalidInput`` for no limited demand of any system; ``place`` follows its name."""
     quantity = quantity_named(name) if isinstance(name, str) else None
     if quantity is None or not quantity.limited:
         limited = (*LIMITABLE_OF_PAIR, _ALL_DAMPERS, _INERTANCE, *OF_FLOORS, *OF_YIELDING)
-        raise InvalidInput(owner, "", "", f"unknown demand {name!r}{place}; {hint(name, limited)}")
+        raise InvalidInput("", "", f"unknown demand {name!r}{place}; {hint(name, limited)}")
 
 
-def require_threshold(owner: str, demand: Any) -> None:
+def require_threshold(demand: Any) -> None:
     """An ``InvalidInput`` for a demand without its threshold, or of an unknown name."""
     if isinstance(demand, str) and not is_demand(demand):
         such = "demands are named as in Demand, such as 'peak_x1'"
         meant = did_you_mean(demand, OF_FLOORS + OF_YIELDING) or such
-        raise InvalidInput(owner, "", "", f"unknown demand {reprlib.repr(demand)}; {meant}")
+        raise InvalidInput("", "", f"unknown demand {reprlib.repr(demand)}; {meant}")
     shown = repr(demand) if isinstance(demand, str) else "a function"
-    raise InvalidInput(owner, "threshold", "None", f"must be a number: demand is {shown}")
+    raise InvalidInput("threshold", "None", f"must be a number: demand is {shown}")

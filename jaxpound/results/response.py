@@ -243,7 +243,7 @@ class Response(ByElement, Columnar, Shown):
         ``n_impacts`` of its ``demand`` counts all. Errors are those of ``phases``.
         """
         numbers = range(len(self.links)) if link is None else [link]
-        self._require_links("impacts", numbers)
+        self._require_links(numbers)
         places, impacts = link_places(self.topology), list[Impact]()
         for k in numbers:
             if (series := self.links[k].impacts) is not None:
@@ -256,7 +256,7 @@ class Response(ByElement, Columnar, Shown):
         That of the first impact, or by linear interpolation between the instants. Errors are those
         of ``phases``.
         """
-        self._require_links("first_contact", [link])
+        self._require_links([link])
         demand = self.demand.links[link]
         if not float(demand.min_gap) <= 0:
             return math.nan
@@ -273,18 +273,18 @@ class Response(ByElement, Columnar, Shown):
 
         A ``ValueError`` for a batch, an invalid run, and a link that does not exist.
         """
-        self._require_links("phases", [link])
+        self._require_links([link])
         return phases_of(self.links[link], self.time)
 
-    def _require_links(self, name: str, links: Iterable[int]) -> None:
+    def _require_links(self, links: Iterable[int]) -> None:
         """An ``InvalidInput`` for a batch, a link that does not exist, and an invalid run."""
-        require_single(name, self)
+        require_single(self)
         for link in links:
             if link not in range(len(self.links)):
                 rule = f"must be the number of one of the {len(self.links)} links, from 0"
-                raise InvalidInput(name, "link", repr(link), rule)
+                raise InvalidInput("link", repr(link), rule)
             if not np.isfinite(self.links[link].phase).all():
-                raise InvalidInput(name, "the run", "", "is invalid (its results are NaN)")
+                raise InvalidInput("the run", "", "is invalid (its results are NaN)")
 
     def __getitem__(self, index: Any) -> Response:
         """Runs of a batch by number, slice or mask, as in an array: ``batch[3]`` is one run."""
@@ -377,11 +377,11 @@ def _largest(letter: str, by_name: dict[str, Any], of_unit: str, places: tuple[s
     return f"largest {peaks[i]:.4g} {of_unit}, {places[i]}"
 
 
-def require_single(name: str, response: Response) -> None:
-    """An ``InvalidInput`` for a batch; ``name`` is the caller's."""
+def require_single(response: Response) -> None:
+    """An ``InvalidInput`` for a batch."""
     if jnp.ndim(response.time) != 1:
         rule = f"of shape {jnp.shape(response.time)} must be indexed to one response"
-        raise InvalidInput(name, "a batch", "", rule)
+        raise InvalidInput("a batch", "", rule)
 
 
 class Energy(NamedTuple):

@@ -127,10 +127,10 @@ class TwoSided(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_share("TwoSided", "negative", self.negative)
+        require_share("negative", self.negative)
         if ndtr(self.size.to_normal(0.0)) != 0:
             rule = "must have positive numbers only"
-            raise InvalidInput("TwoSided", "size", repr(self.size), rule)
+            raise InvalidInput("size", repr(self.size), rule)
 
     def from_normal(self, z: Any) -> Any:
         """Minus or plus the size, which grows with the distance of z from Φ⁻¹(negative)."""
@@ -190,7 +190,7 @@ def truncated(distribution: Distribution, z: Any, low: Any, high: Any) -> jax.Ar
     return larger(smaller(x, high), low)
 
 
-def require_inside(owner: str, name: str, distribution: Distribution, low: Any, high: Any) -> None:
+def require_inside(name: str, distribution: Distribution, low: Any, high: Any) -> None:
     """Refuse a distribution nearly all outside [low, high]; warn of one that this truncates."""
     with jax.ensure_compile_time_eval():  # of known numbers, in a traced function too
         shares = [ndtr(distribution.to_normal(x)) for x in (low, high)]
@@ -200,7 +200,7 @@ def require_inside(owner: str, name: str, distribution: Distribution, low: Any, 
     drawn, share = f"{name} ~ {distribution}", below + 1 - upto
     if 1 - share < _LEAST:
         rule = f"must have at least {_LEAST:.0%} of its probability in {inside}"
-        raise InvalidInput(owner, drawn, "", rule)
+        raise InvalidInput(drawn, "", rule)
     if share > _UNSAID:
         lost = f"{share:.2%} of its probability, outside {inside}, is cut off"
-        warn(owner, [f"{drawn}: {lost}; draws are of the rest"], strict=False)
+        warn([f"{drawn}: {lost}; draws are of the rest"], strict=False)

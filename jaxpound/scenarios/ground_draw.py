@@ -65,13 +65,13 @@ class SumOfDraws(Composed, GroundDraw):
         flat = (p.parts if isinstance(p, SumOfDraws) else (p,) for p in self.parts)
         object.__setattr__(self, "parts", tuple(part for parts in flat for part in parts))
         if not any(isinstance(part, Draw) for part in self.parts):
-            raise InvalidInput("SumOfDraws", "parts", "", "must hold at least one that is drawn")
+            raise InvalidInput("parts", "", "must hold at least one that is drawn")
         for i, part in enumerate(self.parts):
             if not isinstance(part, Draw):
-                motion.require_ground(f"SumOfDraws: parts[{i}]", part)
+                motion.require_ground(f"parts[{i}]", part)
         if len(units := sorted({*self._units()})) > 1:
             rule = "must be in the same unit of time, but are in " + " and ".join(units)
-            raise InvalidInput("SumOfDraws", "parts", "", rule)
+            raise InvalidInput("parts", "", rule)
 
     @property
     def time_unit(self) -> str | None:  # type: ignore[override]
@@ -114,10 +114,10 @@ class ScaledDraw(Composed, GroundDraw):
     factor: Any
 
     def __post_init__(self) -> None:
-        instance("ScaledDraw", "ground", self.ground, Draw)
+        instance("ground", self.ground, Draw)
         if not isinstance(self.factor, Distribution):
-            factor = number("ScaledDraw", "factor", self.factor)
-            enforce("ScaledDraw", [Rule("factor", factor, finite(factor), "finite")])
+            factor = number("factor", self.factor)
+            enforce([Rule("factor", factor, finite(factor), "finite")])
             object.__setattr__(self, "factor", factor)
 
     @property
@@ -151,7 +151,7 @@ class _Dimensionless(Composed, GroundDraw):
     time_unit = motion.DIMENSIONLESS
 
     def __post_init__(self) -> None:
-        motion.require_seconds("dimensionless: ground", self.ground)
+        motion.require_seconds("ground", self.ground)
 
     def draw(self, z: Float[Array, " d"]) -> Any:
         return self._drawn(z)[0].dimensionless(self.frequency)

@@ -71,13 +71,13 @@ class RandomRicker(Checked, GroundDraw):
     intensity: Distribution | None = part(Distribution, NoneType, default=None)
 
     def __post_init__(self) -> None:
-        n = count("RandomRicker", "wavelets", self.wavelets)
-        require_memory("RandomRicker", "wavelets", n, 4 * n * NUMBER_BYTES)
+        n = count("wavelets", self.wavelets)
+        require_memory("wavelets", n, 4 * n * NUMBER_BYTES)
         if self.negative is None:
             two_sided = isinstance(self.amplitude, TwoSided)
             object.__setattr__(self, "negative", 0.0 if two_sided else 0.5)
         super().__post_init__()
-        require_inside("RandomRicker", "periods", self.periods, SMALLEST, math.inf)
+        require_inside("periods", self.periods, SMALLEST, math.inf)
 
     @property
     def dimension(self) -> int:
@@ -135,7 +135,7 @@ class RandomRecord(Checked, GroundDraw):
     weights: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        require_records("RandomRecord", self.records, Sequence)
+        require_records(self.records, Sequence)
         object.__setattr__(self, "records", tuple(self.records))
         super().__post_init__()
         if self.weights is not None:
@@ -143,7 +143,7 @@ class RandomRecord(Checked, GroundDraw):
             valid = weights.shape == (n,) and (weights >= 0).all() and weights.sum() > 0
             if not (valid and np.isfinite(weights).all()):
                 rule = f"must be {n} numbers, finite and not negative, with a positive sum"
-                raise InvalidInput("RandomRecord", "weights", repr(self.weights), rule)
+                raise InvalidInput("weights", repr(self.weights), rule)
             object.__setattr__(self, "weights", tuple(map(float, weights)))
 
     @property
@@ -212,17 +212,17 @@ class RandomPulse(GroundDraw):
     time_unit: str = DIMENSIONLESS
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time_unit", time_unit_of("RandomPulse", self.time_unit))
+        object.__setattr__(self, "time_unit", time_unit_of(self.time_unit))
         if not self._random():
-            raise InvalidInput("RandomPulse", "one of the parameters", "", "must be a Distribution")
+            raise InvalidInput("one of the parameters", "", "must be a Distribution")
         for name in _PULSE:
             if isinstance(getattr(self, name), type):
-                instance("RandomPulse", name, getattr(self, name), Distribution)
+                instance(name, getattr(self, name), Distribution)
         fixed = {name: getattr(self, name) for name in _PULSE if name not in self._random()}
         Pulse(**dict.fromkeys(_PULSE, 1.0) | fixed, time_unit=self.time_unit)
         for name, x in self._random().items():
             if name in _POSITIVE:
-                require_inside("RandomPulse", name, x, SMALLEST, math.inf)
+                require_inside(name, x, SMALLEST, math.inf)
 
     @property
     def dimension(self) -> int:

@@ -29,10 +29,9 @@ class NoiseDraw(Checked, GroundDraw):
     samples: int
 
     def __post_init__(self) -> None:
-        owner = type(self).__name__
-        n = _checks.count(owner, "samples", self.samples)
-        enforce(owner, [Rule("samples", n, n >= 2, "at least 2")])
-        _checks.require_memory(owner, "samples", n, n * NUMBER_BYTES)
+        n = _checks.count("samples", self.samples)
+        enforce([Rule("samples", n, n >= 2, "at least 2")])
+        _checks.require_memory("samples", n, n * NUMBER_BYTES)
         object.__setattr__(self, "samples", n)
         super().__post_init__()
 
@@ -47,10 +46,10 @@ class NoiseDraw(Checked, GroundDraw):
 
     def _reals(self, z: Any, dimension: int) -> Array:
         """Standard normal numbers as floats; an ``InvalidInput`` for another shape."""
-        z = jnp.asarray(_checks.real(type(self).__name__, "z", z))
+        z = jnp.asarray(_checks.real("z", z))
         if z.shape != (dimension,):
             rule = f"of shape {z.shape} must be of shape ({dimension},)"
-            raise InvalidInput(type(self).__name__, "z", "", rule)
+            raise InvalidInput("z", "", rule)
         return z.astype(jnp.result_type(float, z))
 
 
@@ -122,14 +121,14 @@ class FilteredNoise(NoiseDraw):
     high_pass: float | None = parameter(above=0, single=True, optional=True, default=None)
 
     def __post_init__(self) -> None:
-        owner, envelope = "FilteredNoise", self.envelope
+        envelope = self.envelope
         if isinstance(envelope, type) or not (envelope is None or callable(envelope)):
-            raise InvalidInput(owner, "envelope", repr(envelope), "must be a function of t")
+            raise InvalidInput("envelope", repr(envelope), "must be a function of t")
         if not isinstance(self.intensity, Distribution):
-            value = _checks.number(owner, "intensity", self.intensity)
-            _checks.not_negative(owner, intensity=value)
+            value = _checks.number("intensity", self.intensity)
+            _checks.not_negative(intensity=value)
             object.__setattr__(self, "intensity", value)
-        object.__setattr__(self, "time_unit", time_unit_of(owner, self.time_unit))
+        object.__setattr__(self, "time_unit", time_unit_of(self.time_unit))
         super().__post_init__()
 
     @property

@@ -66,15 +66,14 @@ class UncertainStructures:
     correlation: Any = None
 
     def __post_init__(self) -> None:
-        owner = "UncertainStructures"
-        instance(owner, "nominal", self.nominal, Structures)
-        instance(owner, "uncertain", self.uncertain, Mapping)
+        instance("nominal", self.nominal, Structures)
+        instance("uncertain", self.uncertain, Mapping)
         if not self.uncertain:
-            raise InvalidInput(owner, "uncertain", "{}", "must name a parameter")
-        object.__setattr__(self, "uncertain", expanded(owner, self.nominal, self.uncertain))
+            raise InvalidInput("uncertain", "{}", "must name a parameter")
+        object.__setattr__(self, "uncertain", expanded(self.nominal, self.uncertain))
         for path, distribution in self.uncertain.items():
-            instance(owner, path, distribution, Distribution)
-            require_inside(owner, path, distribution, *self._interval(path, {}))
+            instance(path, distribution, Distribution)
+            require_inside(path, distribution, *self._interval(path, {}))
         _ = self.correlations
 
     @property
@@ -85,31 +84,31 @@ class UncertainStructures:
     @cached_property
     def correlations(self) -> np.ndarray:
         """Correlations of the normal numbers behind the uncertain parameters, shape (d, d)."""
-        owner, uncertain, n = "UncertainStructures", [*self.uncertain], self.dimension
+        uncertain, n = [*self.uncertain], self.dimension
         if self.correlation is None:
             return np.eye(n)
-        matrix = np.asarray(real(owner, "correlation", self.correlation), float)
+        matrix = np.asarray(real("correlation", self.correlation), float)
         if matrix.ndim == 0:  # of parameters of one group
             groups = [re.sub(r"\.\d+(?!.*\.\d)", ".*", path) for path in uncertain]
             largest = max(groups.count(group) if "*" in group else 1 for group in groups)
             if largest == 1:
                 rule = "must not be given: no two paths differ in their last index only"
-                raise InvalidInput(owner, "correlation", f"{matrix:.8g}", rule)
+                raise InvalidInput("correlation", f"{matrix:.8g}", rule)
             least = -1 / (largest - 1)
             rule = f"above {least:.6g} and below 1, with {largest} parameters that are alike"
-            enforce(owner, [Rule("correlation", matrix, (matrix > least) & (matrix < 1), rule)])
+            enforce([Rule("correlation", matrix, (matrix > least) & (matrix < 1), rule)])
             same = np.array([[x == other and "*" in x for other in groups] for x in groups])
             return np.where(np.eye(n, dtype=bool), 1.0, np.where(same, matrix, 0.0))
         if matrix.shape != (n, n):
             rule = f"must be a number, or of shape ({n}, {n}): {', '.join(uncertain)}"
-            raise InvalidInput(owner, "correlation", "", f"of shape {matrix.shape} {rule}")
+            raise InvalidInput("correlation", "", f"of shape {matrix.shape} {rule}")
         symmetric = np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=0, atol=1e-9)
         if not (symmetric and np.allclose(np.diag(matrix), 1, rtol=0, atol=1e-9)):
             rule = "must be symmetric and finite, with a diagonal of 1"
-            raise InvalidInput(owner, "correlation", "", rule)
+            raise InvalidInput("correlation", "", rule)
         if not (least := float(np.linalg.eigvalsh(matrix)[0])) > _DEFINITE:
             rule = f"must be positive definite, but its smallest eigenvalue is {least:.3g}"
-            raise InvalidInput(owner, "correlation", "", rule)
+            raise InvalidInput("correlation", "", rule)
         return matrix
 
     def draw(self, z: Float[Array, " d"]) -> Structures:

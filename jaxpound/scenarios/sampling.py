@@ -24,24 +24,24 @@ _BITS = 30  # of a Sobol point's coordinate
 SAMPLINGS = {"plain": 2**31, "sobol": 2**30}  # kinds of points, and the largest number of each
 
 
-def require_sampling(owner: str, sampling: Any) -> int:
+def require_sampling(sampling: Any) -> int:
     """Largest number of points; an ``InvalidInput`` for an unknown kind of sampling."""
-    require_one_of(owner, sampling, [*SAMPLINGS], "sampling")
+    require_one_of(sampling, [*SAMPLINGS], "sampling")
     return SAMPLINGS[sampling]
 
 
-def key_numbers(owner: str, key: Any) -> tuple[str, tuple[int, ...]]:
+def key_numbers(key: Any) -> tuple[str, tuple[int, ...]]:
     """Kind and numbers of a key or a seed, for JSON."""
     if is_whole(key):
-        key = jax.random.key(seed(owner, "key", key), impl="threefry2x32")
+        key = jax.random.key(seed("key", key), impl="threefry2x32")
     typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
     if isinstance(key, jax.Array) and key.dtype == np.uint32 and key.shape in ((2,), (4,)):
         key, typed = jax.random.wrap_key_data(key), True
     if not typed or key.shape:
-        raise InvalidInput(owner, "key", repr(key), "must be a whole number or a key of jax.random")
+        raise InvalidInput("key", repr(key), "must be a whole number or a key of jax.random")
     if (kind := str(jax.random.key_impl(key))) != "threefry2x32":
         rule = "must be of kind threefry2x32: of others, draws depend on the batch they are in"
-        raise InvalidInput(owner, "key", "", f"of kind {kind} {rule}")
+        raise InvalidInput("key", "", f"of kind {kind} {rule}")
     return kind, tuple(np.asarray(jax.random.key_data(key)).ravel().tolist())
 
 

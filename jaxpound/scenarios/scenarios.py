@@ -125,15 +125,15 @@ class Scenarios(Composed):
     ground: motion.GroundLike | Draw
 
     def __post_init__(self) -> None:
-        instance("Scenarios", "structures", self.structures, Structures, Draw)
+        instance("structures", self.structures, Structures, Draw)
         if not isinstance(self.ground, Draw):
-            motion.require_ground("Scenarios: ground", self.ground)
+            motion.require_ground("ground", self.ground)
         nominal = getattr(self.structures, "nominal", self.structures)
         if isinstance(nominal, Structures):  # else each run checks the unit of time
-            require_time_unit("Scenarios: ground", self.ground, si=in_si(nominal))
+            require_time_unit("ground", self.ground, si=in_si(nominal))
         if not self.dimension:
             rule = "are both fixed; one must be drawn"
-            raise InvalidInput("Scenarios", "structures and ground", "", rule)
+            raise InvalidInput("structures and ground", "", rule)
         parameter_names(self)
 
     def _parts(self) -> Sequence[Any]:
@@ -151,14 +151,13 @@ class Scenarios(Composed):
 
         Shape (n,) makes batches of n.
         """
-        owner = "Scenarios.at"
-        limit = require_sampling(owner, sampling)
+        limit = require_sampling(sampling)
         chosen = np.asarray(indices)
         if chosen.ndim > 1 or chosen.dtype.kind not in "iu" or not chosen.size:
-            raise InvalidInput(owner, "indices", repr(indices), "must be whole numbers, shape (n,)")
+            raise InvalidInput("indices", repr(indices), "must be whole numbers, shape (n,)")
         if chosen.min() < 0 or chosen.max() >= limit:
-            raise InvalidInput(owner, "indices", repr(indices), f"must be from 0 to {limit - 1}")
-        draw = points(sampling, as_key(*key_numbers(owner, key)), self.dimension)
+            raise InvalidInput("indices", repr(indices), f"must be from 0 to {limit - 1}")
+        draw = points(sampling, as_key(*key_numbers(key)), self.dimension)
         z = jnp.asarray(np.concatenate([draw(int(i), int(i) + 1) for i in chosen.ravel()]))
         # By one program: operation by operation a batch would compile a hundred.
         return jax.jit(jax.vmap(self.realize))(z) if chosen.ndim else self.realize(z[0])
@@ -212,7 +211,7 @@ def parameter_names(scenarios: ScenarioSet) -> tuple[str, ...]:
     names = keys_in_order(partial(parameters, scenarios), jnp.zeros(scenarios.dimension))
     if len(names) != scenarios.dimension:
         rule = f"must be {scenarios.dimension} different names: one for each z"
-        raise InvalidInput("scenarios", f"the names of parameters, {', '.join(names)},", "", rule)
+        raise InvalidInput(f"scenarios: the names of parameters, {', '.join(names)},", "", rule)
     return names
 
 
@@ -239,17 +238,16 @@ class CustomDraw:
     discrete: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        owner = "CustomDraw"
         if not callable(self.function):
-            raise InvalidInput(owner, "function", repr(self.function), "must be a function of z")
-        n = count(owner, "dimension", self.dimension)
-        require_memory(owner, "dimension", n, n * NUMBER_BYTES)
+            raise InvalidInput("function", repr(self.function), "must be a function of z")
+        n = count("dimension", self.dimension)
+        require_memory("dimension", n, n * NUMBER_BYTES)
         names, discrete = tuple(self.names), tuple(self.discrete)
         if names and len(set(names)) != n:
-            raise InvalidInput(owner, "names", str(names), f"must be {n} different names")
+            raise InvalidInput("names", str(names), f"must be {n} different names")
         if not all(is_whole(i) and 0 <= i < n for i in discrete):
             rule = f"must be indices from 0 to {n - 1}"
-            raise InvalidInput(owner, "discrete", str(discrete), rule)
+            raise InvalidInput("discrete", str(discrete), rule)
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "discrete", discrete)
 

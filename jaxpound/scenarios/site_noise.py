@@ -102,7 +102,7 @@ class SiteBasedNoise(NoiseDraw):
     time_unit = SECONDS
 
     def __post_init__(self) -> None:
-        require_one_of("SiteBasedNoise", self.fault, [*FAULTS], "fault")
+        require_one_of(self.fault, [*FAULTS], "fault")
         super().__post_init__()
 
     @property

@@ -59,9 +59,7 @@ class Rollout(NamedTuple):
     scan: Callable[..., tuple[Any, Any]]  # ``scan_with_history`` of these steps
 
     def observed(
-        self,
-        observe: Callable[[Any, Instant, jax.Array], tuple[Any, Any]],
-        start: Any,
+        self, observe: Callable[[Any, Instant, jax.Array], tuple[Any, Any]], start: Any
     ) -> tuple[tuple[RunState, Any], Any]:
         """The run with ``observe`` at every instant.
 

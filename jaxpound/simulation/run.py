@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxpound._checks import Rule, enforce, finite, instance, is_traced, number
-from jaxpound._errors import InvalidInput, warn
+from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._fields import rules
 from jaxpound._xla.programs import note_long_compilations
 from jaxpound.buildings import Buildings
@@ -125,17 +125,17 @@ def simulate(
     >>> [(phase.kind, round(phase.start, 2)) for phase in response.phases()[:3]]
     [('stick', 0.0), ('slip left', 0.64), ('slip right', 1.19)]
     """
-    owner, case = "simulate", Case(structures, ground, initial)
-    traceable, grid = case.prepared(owner, grid, scheme, duration, dt, strict)
+    case = Case(structures, ground, initial)
+    traceable, grid = case.prepared(grid, scheme, duration, dt, strict)
     balanced = not is_traced(traceable)
     response, residual = _simulate(traceable, program_key(traceable), grid, scheme, balanced)
     response = _finished(response)
     if balanced and not is_traced(residual):
-        warn(owner, unbalanced(residual), strict)
+        warn(unbalanced(residual), strict)
     if in_si(structures):
         scalars = dataclasses.replace(response.demand, si=True)
         response = dataclasses.replace(response, demand=scalars, si=True)
-    case.warn_of_results(owner, response.demand, strict)
+    case.warn_of_results(response.demand, strict)
     return response
 
 
@@ -182,23 +182,23 @@ def demand(
     >>> float(demand.pounds)
     0.0
     """
-    owner, case = "demand", Case(structures, ground, initial)
-    traceable, grid = case.prepared(owner, grid, scheme, duration, dt, strict)
+    case = Case(structures, ground, initial)
+    traceable, grid = case.prepared(grid, scheme, duration, dt, strict)
     if temperature is not None:
-        temperature = number(owner, "temperature", temperature)
+        temperature = number("temperature", temperature)
         if not case.structures.system().links:
             rule = "must be of gaps: there is no link"
-            raise InvalidInput(owner, "temperature", str(temperature), rule)
-        enforce(owner, _temperature_rules(temperature))
+            raise InvalidInput("temperature", str(temperature), rule)
+        enforce(_temperature_rules(temperature))
     if only is not None:
         if isinstance(only, str) or not all(isinstance(name, str) for name in only) or not only:
-            raise InvalidInput(owner, "only", repr(only), "must hold names of scalars")
+            raise InvalidInput("only", repr(only), "must hold names of scalars")
         only = tuple(only)
     options = grid, scheme, temperature, only
     scalars = _finished(_demand(traceable, program_key(traceable), *options))
     scalars = dataclasses.replace(scalars, si=in_si(structures))
     if only is None:
-        case.warn_of_results(owner, scalars, strict)
+        case.warn_of_results(scalars, strict)
     return scalars
 
 
@@ -223,7 +223,6 @@ class Case(NamedTuple):
 
     def prepared(
         self,
-        owner: str,
         grid: TimeGrid | None,
         scheme: Scheme,
         duration: float | None,
@@ -233,30 +232,30 @@ class Case(NamedTuple):
         """The case in a form that can be traced, and its grid; invalid input is refused."""
         note_long_compilations()
         structures, ground, initial = self
-        system = single_system(owner, structures)
-        instance(owner, "scheme", scheme, Scheme)
+        system = single_system(structures)
+        instance("scheme", scheme, Scheme)
         require_ground("ground", ground)
-        grid = run_grid(owner, structures, ground, grid, scheme, duration, dt, strict)
+        grid = run_grid(structures, ground, grid, scheme, duration, dt, strict)
         require_stable(structures, scheme, grid.dt)
         require_local_flow(system, scheme)
         if initial is not None:
-            instance(owner, "initial", initial, InitialState)
-            enforce("initial", rules(initial))
-            enforce("initial", initial_rules(initial, system, grid.dt))
+            instance("initial", initial, InitialState)
+            enforce(rules(initial, "initial: "))
+            enforce(initial_rules(initial, system, grid.dt))
         traceable = as_run(ground, scheme.finest(grid), self.gravity)
         if not is_traced((structures, traceable)):
             findings = unseen(ground, grid, strict=strict) + imprecise(system, grid, traceable)
             earlier = structures.doubts if strict and isinstance(structures, Buildings) else []
-            warn(owner, findings + earlier, strict)
+            warn(findings + earlier, strict)
         return self._replace(ground=traceable), grid
 
-    def warn_of_results(self, owner: str, demand: Demand, strict: bool) -> None:
+    def warn_of_results(self, demand: Demand, strict: bool) -> None:
         """Warn of implausible results that are not traced, or refuse them if ``strict``."""
         if is_traced((self.structures, demand)):
             return
         findings = excessive(self.ground, demand.pga / (self.gravity or 1.0), si=demand.si)
         findings += _implausible_links(self.structures.system().links, demand)
-        warn(owner, findings, strict)
+        warn(findings, strict)
 
 
 def _run(
@@ -303,7 +302,10 @@ def _demand(
         return _run(case, grid, scheme, temperature, keep=False)[1]
 
     scalars = extrapolated(at(grid), at(grid.halved)) if scheme.extrapolated else at(grid)
-    return scalars if only is None else scalars.only(only)
+    if only is None:
+        return scalars
+    with renamed("only"):
+        return scalars.only(only)
 
 
 @partial(jax.jit, static_argnames=("key", "grid", "scheme", "balanced"))

@@ -84,7 +84,7 @@ class Scheme:
             ("extrapolated", extrapolates, suitable),
         ):
             if not holds:
-                raise InvalidInput("Scheme", name, repr(getattr(self, name)), f"must {rule}")
+                raise InvalidInput(name, repr(getattr(self, name)), f"must {rule}")
 
     def finest(self, grid: TimeGrid) -> TimeGrid:
         """The finest grid of a run."""
@@ -120,9 +120,9 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     >>> round(jp.stability_limit(structures, jp.PAPER_SCHEME), 3)
     0.561
     """
-    system = system_of("stability_limit", structures)
+    system = system_of(structures)
     if is_traced(system):
-        raise InvalidInput("stability_limit", "structures", "", "must be known, not traced")
+        raise InvalidInput("structures", "", "must be known, not traced")
     concrete = jax.tree.map(np.asarray, system)
     at_rest = _largest_eigenvalue(concrete, [rod.stiffness for rod in concrete.rods])
     low, high = 0.0, 2 / float(np.max(at_rest)) ** 0.5  # a rod is never softer than at rest
@@ -133,27 +133,27 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     return float(low)
 
 
-def system_of(owner: str, structures: Any) -> System:
+def system_of(structures: Any) -> System:
     """The system of structures; an ``InvalidInput`` for other objects."""
     if not isinstance(structures, Structures) or isinstance(structures, type):
         types = "AdjacentStructures, a System, Buildings or anything else with system()"
         rule = f"must be {types}{instead(structures, types)}"
-        raise InvalidInput(owner, "structures", reprlib.repr(structures), rule)
+        raise InvalidInput("structures", reprlib.repr(structures), rule)
     system = structures.system()
-    instance(owner, "structures.system()", system, System)
+    instance("structures.system()", system, System)
     return system
 
 
-def single_system(owner: str, structures: Any) -> System:
+def single_system(structures: Any) -> System:
     """The system of structures that are no batch; a ``ValueError`` for others, or invalid ones."""
-    system = system_of(owner, structures)
+    system = system_of(structures)
     # A system of the user's own making is judged by its parts, ours by their own parameters.
     rules_of_all = rules(structures) or rules(system)
     for rule in rules_of_all:
         if shape := jnp.shape(rule.value):
             says = "must be one number; a batch of structures goes through jax.vmap"
-            raise ValueError(f"{owner}: structures: {rule.name} of shape {shape} {says}")
-    enforce("structures", rules_of_all)
+            raise InvalidInput(f"structures: {rule.name}", "", f"of shape {shape} {says}")
+    enforce(rule._replace(name=f"structures: {rule.name}") for rule in rules_of_all)
     return system
 
 
@@ -208,7 +208,7 @@ def require_stable(structures: Structures, scheme: Scheme, dt: float, place: str
     limit = stability_limit(system, scheme)
     rule = f"must be positive and below the stability limit {limit:.8g}{unit} of these "
     rule += f"structures, set by {stiffest_rod(concrete, limit, scheme, unit)[0]}"
-    raise InvalidInput("", f"{place} dt", f"{dt:.8g}{unit}", rule)
+    raise InvalidInput(f"{place} dt".lstrip(), f"{dt:.8g}{unit}", rule)
 
 
 def require_local_flow(system: System, scheme: Scheme) -> None:
@@ -216,7 +216,7 @@ def require_local_flow(system: System, scheme: Scheme) -> None:
     for k, link in enumerate(system.links if scheme.extrapolated else ()):
         if link.contact is not None:
             rule = "must have no contact: impacts leave no error that extrapolation could take out"
-            raise InvalidInput("scheme: extrapolated = True", f"links.{k}", "", rule)
+            raise InvalidInput(f"scheme: extrapolated = True: links.{k}", "", rule)
     if isinstance(scheme.friction, EventResolved) and scheme.start == "rest":
         return
     for group in groups(joints(system)):
@@ -228,7 +228,7 @@ def require_local_flow(system: System, scheme: Scheme) -> None:
             where = f"links.{group[0].link} with {reason}"
             value = f"{scheme.friction} with start {scheme.start!r}"
             rule = f'must be friction EventResolved() and start "rest" for {where}'
-            raise InvalidInput("scheme", "friction", value, rule)
+            raise InvalidInput("scheme: friction", value, rule)
 
 
 def is_stable(system: System, dt: Any, scheme: Scheme) -> Any:

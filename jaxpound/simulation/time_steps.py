@@ -23,7 +23,6 @@ DURATION = Range(1e-3, 3600, "s", "at most an hour: the longest earthquakes take
 
 
 def run_grid(
-    owner: str,
     structures: Structures,
     ground: GroundLike,
     grid: TimeGrid | None,
@@ -34,23 +33,24 @@ def run_grid(
 ) -> TimeGrid:
     """The grid of a run: the caller's, or, of ``Buildings``, that which the ground motion sets."""
     if grid is not None:
-        instance(owner, "grid", grid, TimeGrid)
+        instance("grid", grid, TimeGrid)
         for name, value in (("duration", duration), ("dt", dt)):
             if value is not None:
-                raise InvalidInput(owner, name, repr(value), "must be None, since the grid has it")
+                raise InvalidInput(name, repr(value), "must be None, since the grid has it")
         return grid
     records = [part for part in as_motion(ground).parts() if isinstance(part, Record)]
     rule = "must be a TimeGrid"
     if not isinstance(structures, Buildings):
-        raise InvalidInput(owner, "grid", "None", f"{rule}: it is chosen for Buildings only")
+        raise InvalidInput("grid", "None", f"{rule}: it is chosen for Buildings only")
     if is_traced((structures, [record.dt for record in records] or ground)):
-        reason = "it follows from buildings, a record's dt and wavelets, of which some are traced"
-        raise InvalidInput(owner, "grid", "None", f"{rule}: {reason}")
+        reason = "it follows from buildings, a record's dt and wavelets, of which some are traced; "
+        reason += "TimeGrid.until(duration, dt) makes one"
+        raise InvalidInput("grid", "None", f"{rule}: {reason}")
     require_time_unit("ground", ground, si=True)
     if not records and duration is None:
         rule = "must be stated in s, since the ground motion has no record"
-        raise InvalidInput(owner, "duration", "None", rule)
-    grid = record_grid(f"{owner}:", structures, scheme, records, duration, dt, strict)
+        raise InvalidInput("duration", "None", rule)
+    grid = record_grid(structures, scheme, records, duration, dt, strict)
     while dt is None and not records and as_motion(ground).unresolved(grid.dt):
         if 2 * grid.n_steps > MOST_STEPS:
             break
@@ -59,34 +59,37 @@ def run_grid(
 
 
 def record_grid(
-    place: str,
     buildings: Buildings,
     scheme: Scheme,
     records: Sequence[Record],
     duration: float | None = None,
     dt: float | None = None,
     strict: bool = False,
+    place: str = "",
 ) -> TimeGrid:
     """The time grid of a run of buildings under records; duration and dt are in s.
 
     By default it is as long as the longest, with steps for the finest; without records the duration
-    is stated. A ``ValueError`` if one of them breaks its rule, whose message starts with ``place``.
+    is stated. An ``InvalidInput``, named by ``place``, if one of them breaks its rule.
     """
     own = min((float(record.dt) for record in records), default=math.inf)
     if duration is None:
         whole = max(float(record.duration) for record in records)
     else:
-        whole = float(number(place.rstrip(":"), "duration", duration))
-        DURATION.require(f"{place} duration", whole)
+        whole = float(number(name := f"{place} duration".lstrip(), duration))
+        DURATION.require(name, whole)
     if dt is None:
         dt = chosen_step(buildings, scheme, whole, own, strict)
     else:
-        dt = float(number(place.rstrip(":"), "dt", dt))
+        dt = float(number(f"{place} dt".lstrip(), dt))
         require_stable(buildings, scheme, dt, place)
         if dt > own * (1 + 1e-9):
             rule = f"at most the record's, {own:.6g} s: samples would be skipped"
-            raise ValueError(f"{place} dt = {dt:.6g} s must be {rule}")
-    return time_grid(place, whole, dt)
+            raise InvalidInput(f"{place} dt".lstrip(), f"{dt:.6g} s", f"must be {rule}")
+    if not 2 * dt <= whole <= MOST_STEPS * dt:
+        rule = f"must be between 2 and {MOST_STEPS:,} steps of dt = {dt:.6g} s"
+        raise InvalidInput(f"{place} duration".lstrip(), f"{whole:.6g} s", rule)
+    return TimeGrid.until(whole, dt)
 
 
 def natural_periods(buildings: Buildings) -> list[float]:
@@ -119,13 +122,5 @@ def chosen_step(
     part, stiffer = stiffest_rod(buildings.system(), limit, scheme, " s")
     if min(needed / dt, stiffer**0.5) > MOST_SHORTENED:  # steps shorten with the square root
         times = f"{duration / dt:,.0f} steps of {dt:.3g} s are taken, {needed / dt:.0f} times as "
-        warn("dt", [f"{times}many as periods and record need, because of {part}"], strict)
+        warn([f"dt: {times}many as periods and record need, because of {part}"], strict)
     return dt
-
-
-def time_grid(place: str, duration: float, dt: float) -> TimeGrid:
-    """The grid of a duration and a step in s, if there are few enough steps."""
-    if not 2 * dt <= duration <= MOST_STEPS * dt:
-        rule = f"between 2 and {MOST_STEPS:,} steps of dt = {dt:.6g} s"
-        raise ValueError(f"{place} duration = {duration:.6g} s must be {rule}")
-    return TimeGrid.until(duration, dt)

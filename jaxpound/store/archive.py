@@ -129,13 +129,13 @@ def _start_time(process: int) -> str:
     return "0" if fields[0] in "ZX" else fields[19]  # ended, but not yet reaped by its parent
 
 
-def require_name(owner: str, name: Any) -> None:
+def require_name(name: Any) -> None:
     """An ``InvalidInput`` for an invalid name of an array in an archive or a column of a table."""
     fits = isinstance(name, str) and 0 < len(name) <= _LONGEST_NAME
     if not (fits and name.isprintable() and not {*name} & {"/", "\\"}):
         length = f"1 to {_LONGEST_NAME} printable characters"
         rule = f"must have a name of {length}, none of them / or \\"
-        raise InvalidInput(owner, f"column {name!r}", "", rule)
+        raise InvalidInput(f"column {name!r}", "", rule)
 
 
 def write_archive(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[str, Any]) -> None:

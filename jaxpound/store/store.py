@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._errors import InvalidInput, warn
+from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._version import __version__
 from jaxpound.store import archive
 
@@ -70,7 +70,8 @@ class Store:
         folder holds something else, or another study (the message says what differs).
         """
         folder, identity = Path(folder), json.loads(json.dumps(identity))
-        _check_identity(f"store {folder}", identity)
+        with renamed(owner=f"store {folder}"):
+            _check_identity(identity)
         with _writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             if not os.path.lexists(folder / MANIFEST):
@@ -146,7 +147,7 @@ class Store:
         if damaged:
             more = f"; and {len(damaged) - _SHOWN:,} more" if len(damaged) > _SHOWN else ""
             message = f"{'; '.join(damaged[:_SHOWN])}{more}; {consequence}"
-            warn(f"store {self.folder}", [message], category=UserWarning)
+            warn([f"store {self.folder}: {message}"], category=UserWarning)
 
     def has(self, chunk: int) -> bool:
         """Whether there is a file for a chunk."""
@@ -232,22 +233,23 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise ValueError(f"{owner}: {rule} it: {advice}")
     if not intact:
         raise ValueError(f"{owner}: {MANIFEST} is damaged (its checksum is wrong)")
-    _check_identity(owner, content.get("identity"))
+    with renamed(owner=owner):
+        _check_identity(content.get("identity"))
     return content
 
 
-def _check_identity(owner: str, identity: Any) -> None:
+def _check_identity(identity: Any) -> None:
     """A ``ValueError`` if an identity lacks an entry that reading a chunk needs."""
     entries = identity if isinstance(identity, dict) else {}
     size, names, precision = (entries.get(k) for k in ("chunk_size", "columns", "precision"))
     if not (type(size) is int and 1 <= size <= MOST_SAMPLES):
-        raise InvalidInput(owner, "chunk_size", _short(size), f"must be from 1 to {MOST_SAMPLES:,}")
+        raise InvalidInput("chunk_size", _short(size), f"must be from 1 to {MOST_SAMPLES:,}")
     if not (isinstance(names, list) and names):
-        raise InvalidInput(owner, "columns", _short(names), "must be names")
+        raise InvalidInput("columns", _short(names), "must be names")
     for name in names:
-        archive.require_name(owner, name)
+        archive.require_name(name)
     if precision not in ("float32", "float64"):
-        raise InvalidInput(owner, "precision", _short(precision), "must be float32 or float64")
+        raise InvalidInput("precision", _short(precision), "must be float32 or float64")
 
 
 def _checksum(content: Mapping[str, Any]) -> str:

@@ -114,7 +114,7 @@ class Task:
         (first, shards), chunks = self.storage.shard, range(-(-self.n // self.chunk_size))
         if first > len(chunks):
             rule = f"must leave a chunk for each shard: the study has {len(chunks)}"
-            raise InvalidInput("monte_carlo", "shard", repr(self.storage.shard), rule)
+            raise InvalidInput("shard", repr(self.storage.shard), rule)
         return chunks[first - 1 :: shards]
 
     def z_type(self) -> jax.ShapeDtypeStruct:
@@ -128,13 +128,12 @@ class Task:
         more = {name: f(structures, ground) for name, f in self.storage.measures.items()}
         if self.storage.keep_parameters:
             more |= sets.parameters(self.scenarios, z)
-        owner = "monte_carlo"
         for name, x in more.items():
             if name in columns:
-                raise InvalidInput(owner, repr(name), "", "is the name of a demand; rename it")
-            require_name(owner, name)
+                raise InvalidInput(repr(name), "", "is the name of a demand; rename it")
+            require_name(name)
             if shape := jnp.shape(x):
-                raise InvalidInput(owner, repr(name), "", f"of shape {shape} must be one number")
+                raise InvalidInput(repr(name), "", f"of shape {shape} must be one number")
         return {name: jnp.asarray(x, z.dtype) for name, x in (columns | more).items()}
 
     def rows(self, chunk: int) -> range:
@@ -190,7 +189,7 @@ class Task:
         reason = refusal(lambda: demand(*self.scenarios.realize(point), self.grid, self.scheme))
         reason = reason or next(f"{name} is not finite" for name in valid if not valid[name][first])
         rule = f"fails: {reason}; keep_failures=True leaves failed runs out"
-        raise InvalidInput("monte_carlo", f"scenario {rows[first]}", "", rule)
+        raise InvalidInput(f"scenario {rows[first]}", "", rule, owner="monte_carlo")
 
 
 def moments(columns: Mapping[str, np.ndarray]) -> dict[str, Moments]:

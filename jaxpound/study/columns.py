@@ -114,7 +114,7 @@ class DemandColumns(Columnar, Shown):
         """The name of an existing column; an ``InvalidInput`` for any other name."""
         if name not in self._moments:
             rule = f"must be one of {', '.join(self._moments)}"
-            raise InvalidInput("Study", f"column {name!r}", "", rule)
+            raise InvalidInput(f"column {name!r}", "", rule)
         return name
 
     def _read(self, *names: str) -> np.ndarray:
@@ -150,18 +150,18 @@ class DemandColumns(Columnar, Shown):
             the samples are concentrated on the event. Moments and fragilities are always
             normalised.
         """
-        owner, curve = "Study.weighted", getattr(weights, "curve", None)
+        curve = getattr(weights, "curve", None)
         if isinstance(weights, str):
             column = self._moments[self._column(weights)]
             if column.n != len(self) - self.failed:
                 rule = "must be finite in every run that did not fail"
-                raise InvalidInput(owner, "weights", "", rule)
-            require_weights(owner, np.array([column.smallest, column.largest]))
+                raise InvalidInput("weights", "", rule)
+            require_weights(np.array([column.smallest, column.largest]))
         else:
-            weights = array(owner, "weights", weights, (len(self),))
+            weights = array("weights", weights, (len(self),))
             if self.failed:
                 weights = np.where(np.isnan(self._read("pga")), 0.0, weights)
-            require_weights(owner, weights)
+            require_weights(weights)
         return dataclasses.replace(self, weighting=Weighting(weights, bool(normalised), curve))
 
     @property
@@ -209,7 +209,7 @@ class DemandColumns(Columnar, Shown):
         The infinite time of the first impact, of a run without impact, exceeds any value.
         """
         parts, factor = self._parts(self._column(name)), self._factor(name)
-        value = float(number("exceedance", "value", value))
+        value = float(number("value", value))
         over = (np.where(np.isnan(x), np.nan, x * factor > value) for x in parts)
         return self._hits(over).estimate(self.normalised, confidence)
 
@@ -221,7 +221,7 @@ class DemandColumns(Columnar, Shown):
         """
         column = self.finite(name)
         if (column % 1).any():
-            raise InvalidInput("counts", f"the numbers of {name!r}", "", "must be whole")
+            raise InvalidInput(f"the numbers of {name!r}", "", "must be whole")
         w = self.weights[np.isfinite(self[name])]
         hits = {int(number): Hits.of(column == number, w) for number in np.unique(column)}
         return {n: sums.estimate(self.normalised, confidence) for n, sums in hits.items()}

@@ -30,21 +30,19 @@ def demands_of(
     return all_demands(structures.system(), demand(structures, ground, grid, scheme))
 
 
-def doubts(
-    owner: str, scenarios: ScenarioSet, grid: TimeGrid, scheme: Scheme = Scheme()
-) -> list[str]:
+def doubts(scenarios: ScenarioSet, grid: TimeGrid, scheme: Scheme = Scheme()) -> list[str]:
     """``imprecise`` of the structures of scenarios; a ``ValueError`` if they are a batch.
 
     Or if an argument is of another type.
     """
-    instance(owner, "scenarios", scenarios, ScenarioSet)
-    count(owner, "scenarios.dimension", scenarios.dimension)
-    instance(owner, "grid", grid, TimeGrid)
-    instance(owner, "scheme", scheme, Scheme)
+    instance("scenarios", scenarios, ScenarioSet)
+    count("scenarios.dimension", scenarios.dimension)
+    instance("grid", grid, TimeGrid)
+    instance("scheme", scheme, Scheme)
     findings: list[str] = []
 
     def look(z: jax.Array) -> None:
-        findings.extend(imprecise(single_system(owner, scenarios.realize(z)[0]), grid, z))
+        findings.extend(imprecise(single_system(scenarios.realize(z)[0]), grid, z))
 
     jax.eval_shape(look, jnp.zeros(scenarios.dimension))
     return findings

@@ -49,7 +49,7 @@ class PerturbationGrowth:
         share
             The error that the state may have, > 0, as a share of the motion's size.
         """
-        uncertainty, share = positive("horizon", uncertainty=uncertainty, share=share)
+        uncertainty, share = positive(uncertainty=uncertainty, share=share)
         lost = self.factor * uncertainty > share * self.motion
         first = jnp.take_along_axis(self.time, jnp.argmax(lost, -1)[..., None], -1)[..., 0]
         return jnp.where(lost.any(-1), first, jnp.inf)
@@ -84,20 +84,19 @@ def perturbation_growth(
     >>> round(float(jax.jit(end)(0.3)), 2)
     1.49
     """
-    owner = "perturbation_growth"
-    system = single_system(owner, structures)
+    system = single_system(structures)
     touching = [k for k, link in enumerate(system.links) if link.contact is not None]
     if not touching:
-        raise InvalidInput(owner, "structures", "", "must have a link with a law of contact")
-    instance(owner, "grid", grid, TimeGrid)
-    instance(owner, "scheme", scheme, Scheme)
+        raise InvalidInput("structures", "", "must have a link with a law of contact")
+    instance("grid", grid, TimeGrid)
+    instance("scheme", scheme, Scheme)
     # The run, whose gaps are traced, cannot check it.
     require_stable(structures, scheme, grid.dt)
     ground_motion = as_run(ground, scheme.finest(grid), gravity_of(structures))
     if in_si(structures):  # the system below knows no unit of time
         ground_motion = sampled(ground_motion, scheme.finest(grid))
     if not is_traced((system, ground_motion)):
-        warn(owner, imprecise(system, grid, ground_motion), strict=False)
+        warn(imprecise(system, grid, ground_motion), strict=False)
     paths = [f"links.{k}.gap" for k in touching]
 
     def state(gaps: list[Any]) -> Any:

@@ -67,13 +67,12 @@ class Fragility(Shown):
     """Whose probability it is, in words, such as ``"largest ductility ≥ 4"``."""
 
     def __post_init__(self) -> None:
-        owner = type(self).__name__
         for name in ("median", "dispersion"):
-            (value,) = _checks.positive_number(owner, **{name: getattr(self, name)})
+            (value,) = _checks.positive_number(**{name: getattr(self, name)})
             object.__setattr__(self, name, float(value))
-        matrix = array(owner, "covariance", self.covariance, (2, 2))
+        matrix = array("covariance", self.covariance, (2, 2))
         object.__setattr__(self, "covariance", matrix)
-        instance(owner, "measure", self.measure, str)
+        instance("measure", self.measure, str)
         object.__setattr__(self, "measure", str(Measure.of_text(self.measure)))
 
     @property
@@ -86,8 +85,12 @@ class Fragility(Shown):
 
         Raises ``ValueError`` for a unit that is not one of the same quantity.
         """
-        sizes, unit = units_like(self.unit), measure_unit(unit) or unit
-        require_one_of("Fragility.in_unit", unit, sizes, "unit")
+        instance("unit", unit, str)
+        if not (sizes := units_like(self.unit)):
+            rule = "must state a unit that is known, such as 'PGA (g)'"
+            raise InvalidInput("measure", repr(self.measure), rule)
+        unit = measure_unit(unit) or unit
+        require_one_of(unit, sizes, "unit")
         factor, measure = sizes[self.unit] / sizes[unit], Measure.of_text(self.measure)
         text = str(dataclasses.replace(measure, unit=unit))
         numbers = {name: factor * getattr(self, name) for name in ("median", "intensity")}
@@ -105,7 +108,7 @@ class Fragility(Shown):
 
     def probability(self, intensity: ArrayLike) -> np.ndarray:
         """Probability of pounding at intensities ≥ 0 (else a ``ValueError``), of their shape."""
-        im = _not_negative("Fragility.probability", intensity)
+        im = _not_negative(intensity)
         with np.errstate(divide="ignore"):
             return ndtr(np.log(im / self.median) / self.dispersion)
 
@@ -116,8 +119,8 @@ class Fragility(Shown):
         runs, and of 6 stripes of 5 runs or more, it contains the truth in 95 % to 99 %, of 300 runs
         in 90 % or more.
         """
-        require_share("band", "confidence", confidence)
-        points = _not_negative("band", intensity)
+        require_share("confidence", confidence)
+        points = _not_negative(intensity)
         with np.errstate(divide="ignore"):
             z = np.maximum(np.log(points / self.median) / self.dispersion, -_LEAST)
         slope = -np.stack([np.ones_like(z), z], axis=-1) / self.dispersion
@@ -183,31 +186,30 @@ def fit_fragility(
     >>> round(float(curve.probability(0.5)), 3)
     0.379
     """
-    owner = "fit_fragility"
-    im, k = np.asarray(real(owner, "intensity", intensity), float), np.asarray(pounding)
-    k = k if k.dtype == bool else np.asarray(real(owner, "pounding", pounding))
-    n = np.asarray(1 if trials is None else real(owner, "trials", trials))
+    im, k = np.asarray(real("intensity", intensity), float), np.asarray(pounding)
+    k = k if k.dtype == bool else np.asarray(real("pounding", pounding))
+    n = np.asarray(1 if trials is None else real("trials", trials))
     n = np.full(im.shape, n) if n.ndim == 0 else n
     if im.ndim != 1 or not im.size or k.shape != im.shape or n.shape != im.shape:
         shapes = f"intensity {im.shape}, pounding {k.shape} and trials {n.shape}"
-        raise InvalidInput(owner, shapes, "", "must be (m,)")
+        raise InvalidInput(shapes, "", "must be (m,)")
     rules = [
         Rule("intensity", im, (im > 0) & np.isfinite(im), "positive and finite"),
         Rule("trials", n, (n >= 1) & (n % 1 == 0), "whole numbers from 1 on"),
         Rule("pounding", k, (k >= 0) & (k <= n) & (k % 1 == 0), "from 0 to trials, whole"),
     ]
-    enforce(owner, rules)
+    enforce(rules)
     k, n = k.astype(int), n.astype(int)
     w: np.ndarray | None = None
     if weights is not None:
-        w = array(owner, "weights", weights, im.shape)
-        require_weights(owner, w)
+        w = array("weights", weights, im.shape)
+        require_weights(w)
         w = w / w.mean()
     counted = np.ones(im.shape, bool) if w is None else w > 0
     z, weight = np.log(im[counted]), 1 if w is None else w[counted]
     hits, runs = k[counted], n[counted]
     if reason := _no_maximum(im[counted], weight * hits, weight * runs):
-        raise InvalidInput(owner, "pounding", "", f"must determine a curve, but {reason}")
+        raise InvalidInput("pounding", "", f"must determine a curve, but {reason}")
     (a, b), information = _maximise(z, weight * hits, weight * runs)
     spread = np.linalg.inv(information)
     if w is not None:
@@ -221,7 +223,7 @@ def fit_fragility(
     stripes = trials is not None
     if stripes and (drop := falls(im, k, n)):
         reason = "a fragility, which rises with the intensity, does not fit"
-        warn(owner, [f"pounding occurs {drop}: {reason}"], strict=False)
+        warn([f"pounding occurs {drop}: {reason}"], strict=False)
     curve = float(np.exp(-a / b)), float(1 / b), slope @ spread @ slope.T
     return Fragility(*curve, im, k, n, stripes, w, measure=measure)
 
@@ -245,10 +247,10 @@ def falls(im: np.ndarray, k: np.ndarray, n: np.ndarray) -> str:
     return f"{k[i]} of {n[i]} times at {im[i]:.4g} and {k[j]} of {n[j]} at {im[j]:.4g}"
 
 
-def _not_negative(owner: str, intensity: ArrayLike) -> np.ndarray:
+def _not_negative(intensity: ArrayLike) -> np.ndarray:
     """Intensities from 0 to ∞, both included."""
-    im = np.asarray(real(owner, "intensity", intensity), float)
-    enforce(owner, [Rule("intensity", im, im >= 0, "not negative")])
+    im = np.asarray(real("intensity", intensity), float)
+    enforce([Rule("intensity", im, im >= 0, "not negative")])
     return im
 
 

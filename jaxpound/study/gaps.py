@@ -92,9 +92,8 @@ def en_1998_gap(displacement_1: Any, displacement_2: Any, *, level_floors: bool 
     >>> round(jp.en_1998_gap(0.12, 0.05, level_floors=True), 4)
     0.091
     """
-    owner = "en_1998_gap"
-    instance(owner, "level_floors", level_floors, bool, np.bool_)
-    pair = not_negative(owner, displacement_1=displacement_1, displacement_2=displacement_2)
+    instance("level_floors", level_floors, bool, np.bool_)
+    pair = not_negative(displacement_1=displacement_1, displacement_2=displacement_2)
     return (0.7 if level_floors else 1.0) * srss(*pair)
 
 
@@ -128,19 +127,18 @@ def asce_7_gap(
     >>> round(jp.asce_7_gap(0.02, 0.015, amplification=5.0, importance=1.25), 4)
     0.1
     """
-    owner = "asce_7_gap"
-    pair = not_negative(owner, displacement_1=displacement_1, displacement_2=displacement_2)
-    c_d = _of_each(owner, "amplification", amplification)
-    i_e = _of_each(owner, "importance", importance)
+    pair = not_negative(displacement_1=displacement_1, displacement_2=displacement_2)
+    c_d = _of_each("amplification", amplification)
+    i_e = _of_each("importance", importance)
     return srss(*(c * x / i for c, x, i in zip(c_d, pair, i_e, strict=True)))
 
 
-def _of_each(owner: str, name: str, factor: Any) -> tuple[float, float]:
+def _of_each(name: str, factor: Any) -> tuple[float, float]:
     """A factor of both structures or of each, as two positive numbers."""
     both = factor if isinstance(factor, tuple | list) else (factor, factor)
     if len(both) != 2:
-        raise InvalidInput(owner, name, repr(factor), "must be one number or one for each of two")
-    first, second = (positive_number(owner, **{name: x})[0] for x in both)
+        raise InvalidInput(name, repr(factor), "must be one number or one for each of two")
+    first, second = (positive_number(**{name: x})[0] for x in both)
     return float(first), float(second)
 
 

@@ -60,14 +60,14 @@ def rod_force(
     >>> [round(float(f), 3) for f in force]
     [0.0, 0.325, 0.569, 0.804, 1.028]
     """
-    x = jnp.asarray(real("rod_force", "displacement", displacement))
+    x = jnp.asarray(real("displacement", displacement))
     rules = [
         Rule("dt", dt, 0 < dt < np.inf, "positive and finite"),
         Rule("order", order, order in (1, 2), "1 or 2"),
         Rule("displacement", x, finite(x), "finite"),
         Rule("number of samples", x.size, x.ndim == 1 and x.size > 2, "at least 3, in one row"),
     ]
-    enforce("rod_force", rules)
+    enforce(rules)
     history = ModalHistory() if history is None else history
     dtype = jnp.result_type(x, float)
     x, rod = jax.tree.map(lambda a: jnp.asarray(a, dtype), (x, rod))
@@ -107,15 +107,14 @@ def cyclic_test(law: Any, displacements: Any, stiffness: Any = 1.0, steps: int =
     >>> test.force.tolist(), round(float(test.dissipated[-1]), 6)  # 0.5 (0.2 + 0.4)
     ([0.0, 0.5, -0.5], 0.3)
     """
-    owner = "cyclic_test"
-    instance(owner, "law", law, HysteresisLaw)
-    rod, x = Rod(law, stiffness), jnp.asarray(real(owner, "displacements", displacements))
+    instance("law", law, HysteresisLaw)
+    rod, x = Rod(law, stiffness), jnp.asarray(real("displacements", displacements))
     if any(map(jnp.ndim, jax.tree.leaves(rod))):
-        raise InvalidInput(owner, "law", "", "must be of single numbers: jax.vmap takes several")
+        raise InvalidInput("law", "", "must be of single numbers: jax.vmap takes several")
     if x.ndim != 1 or x.size < 2:
-        raise InvalidInput(owner, "displacements", "", f"of shape {x.shape} must be (n,), n ≥ 2")
-    enforce(owner, checks := [Rule("displacements", x, finite(x), "finite"), *rules(rod)])
-    test = _tested(Hysteretic(law, rod.stiffness), x, count(owner, "steps", steps))
+        raise InvalidInput("displacements", "", f"of shape {x.shape} must be (n,), n ≥ 2")
+    enforce(checks := [Rule("displacements", x, finite(x), "finite"), *rules(rod)])
+    test = _tested(Hysteretic(law, rod.stiffness), x, count("steps", steps))
     return jax.tree.map(lambda y: jnp.where(all_hold(checks), y, jnp.nan), test)
 
 

@@ -111,13 +111,12 @@ def monte_carlo(
     >>> print(study.pounding_probability(gap=0.03))
     0.1406 (95%: 0.06637 to 0.2502)
     """
-    owner = "monte_carlo"
     storage = store if isinstance(store, Storage) else Storage(store)
-    findings = doubts(owner, scenarios, grid, scheme)
-    if count(owner, "n", n) > (most := require_sampling(owner, sampling)):
-        raise InvalidInput(owner, "n", str(n), f"must be at most {most:,} for {sampling} sampling")
+    findings = doubts(scenarios, grid, scheme)
+    if count("n", n) > (most := require_sampling(sampling)):
+        raise InvalidInput("n", str(n), f"must be at most {most:,} for {sampling} sampling")
     task = Task(
-        *(scenarios, grid, scheme, key_numbers(owner, key), sampling, int(n)),
+        *(scenarios, grid, scheme, key_numbers(key), sampling, int(n)),
         *(storage, storage.sized(n)),
         x64=bool(jax.config.jax_enable_x64),  # type: ignore[attr-defined]
     )
@@ -127,7 +126,7 @@ def monte_carlo(
     task = task.identified(identity)
     _require_memory(task, len(chunks))
     context = _context(task)
-    warn(owner, findings + of_many(task.first_grounds(), grid, in_g=True), strict)
+    warn(findings + of_many(task.first_grounds(), grid, in_g=True), strict)
     moments: dict[int, dict[str, Moments]] = {}
     stored = None
     if storage.folder is not None:
@@ -144,7 +143,7 @@ def monte_carlo(
             moments[chunk], columns[chunk] = outcome
             if i == 0:  # warn before the other chunks are run
                 ends = {x: (m.smallest, m.largest) for x, m in moments[chunk].items()}
-                warn(owner, unreached(context["topology"], ends, si=units is not None), strict)
+                warn(unreached(context["topology"], ends, si=units is not None), strict)
             bar.update(len(rows[chunk]))
 
     moments = {chunk: moments[chunk] for chunk in chunks}
@@ -164,13 +163,13 @@ def _parts_in_memory(columns: Sequence[Columns], *names: str) -> list[np.ndarray
 
 def _require_memory(task: Task, chunks: int) -> None:
     """For points and columns of a chunk, all columns, and moments of columns of all chunks."""
-    owner, storage, n = "monte_carlo", task.storage, len(task.names)
+    storage, n = task.storage, len(task.names)
     rows, number = len(task.rows(0)), task.z_type().dtype.itemsize
     in_row = (task.scenarios.dimension + n) * number
-    require_memory(owner, "samples of a chunk", rows, rows * in_row)
+    require_memory("samples of a chunk", rows, rows * in_row)
     if storage.folder is None:
-        require_memory(owner, "n (without a store)", task.n, task.n * n * number)
-    require_memory(owner, "number of chunks", chunks, chunks * n * _MOMENTS_BYTES)
+        require_memory("n (without a store)", task.n, task.n * n * number)
+    require_memory("number of chunks", chunks, chunks * n * _MOMENTS_BYTES)
 
 
 def _context(task: Task) -> dict[str, Any]:
@@ -193,7 +192,7 @@ def _context(task: Task) -> dict[str, Any]:
     if not np.isfinite(numbers).all():
         values = ", ".join(f"{x:.4g}" for x in numbers)
         rule = f"must be valid, but periods and damping ratios of its structures are {values}"
-        raise InvalidInput("monte_carlo", "the scenario of z = 0", "", rule)
+        raise InvalidInput("the scenario of z = 0", "", rule)
     about = {"notes": task.storage.notes, "oscillators": numbers or None}
     return about | {"topology": topology_of(scenarios)}
 

@@ -77,11 +77,10 @@ def sobol_sensitivity(
     confidence
         Confidence level of the bootstrap intervals.
     """
-    owner = "sobol_sensitivity"
-    findings = doubts(owner, scenarios, grid, scheme)
-    n, key = count(owner, "n", n), seed(owner, "key", key)
-    enforce(owner, [Rule("n", n, n >= 2 and n & (n - 1) == 0, "a power of 2, at least 2")])
-    require_share(owner, "confidence", confidence)
+    findings = doubts(scenarios, grid, scheme)
+    n, key = count("n", n), seed("key", key)
+    enforce([Rule("n", n, n >= 2 and n & (n - 1) == 0, "a power of 2, at least 2")])
+    require_share("confidence", confidence)
 
     def run(z: Any) -> jax.Array:
         structures, ground = scenarios.realize(z)
@@ -91,27 +90,27 @@ def sobol_sensitivity(
             if demand == "required_gap":
                 rule += ": there is no required gap unless a gap at rest is finite and no link has"
                 rule += " a law of contact"
-            raise InvalidInput(owner, "demand", repr(demand), rule)
+            raise InvalidInput("demand", repr(demand), rule)
         return values[demand]
 
     names = sets.parameter_names(scenarios)
     d, rule = len(names), "at least 2: one has all the variance"
-    enforce(owner, [Rule("scenarios.dimension", d, d >= 2, rule)])
+    enforce([Rule("scenarios.dimension", d, d >= 2, rule)])
     z = points("sobol", jax.random.key(key, impl="threefry2x32"), 2 * d)(0, n)
     a, b = z[:, :d], z[:, d:]
     grounds = sets.grounds_at(scenarios, grid)(a[: first_of(n, grid)])
     si = in_si(sets.structures_of(scenarios))
-    warn(owner, findings + of_many(grounds, grid, in_g=si), strict)
+    warn(findings + of_many(grounds, grid, in_g=si), strict)
     mixed = [np.where(np.arange(d) == i, b, a) for i in range(d)]
     demands = in_chunks(run)(np.concatenate([a, b, *mixed])).astype(float)
     if np.isposinf(demands).any():
         missing = "impact in some scenarios" if demand.startswith("first_impact") else "gap"
-        raise InvalidInput(owner, demand, "", f"must be finite, but there is no {missing}")
+        raise InvalidInput(demand, "", f"must be finite, but there is no {missing}")
     if failed := np.count_nonzero(~np.isfinite(demands)):
         fault = f"{failed} of {demands.size} scenarios fail; monte_carlo gives the reason"
-        raise ValueError(f"{owner}: {fault}")
+        raise InvalidInput("", "", fault)
     if not np.ptp(demands):
-        raise InvalidInput(owner, demand, f"{demands[0]:.8g}", "must vary, but does not")
+        raise InvalidInput(demand, f"{demands[0]:.8g}", "must vary, but does not")
 
     from scipy import stats  # only here: it takes a second to import
 

@@ -88,29 +88,28 @@ def inelastic_spectrum(
     >>> print(*(f"{x:.1f}" for x in weak.ductility))
     6.7 2.4
     """
-    owner = "inelastic_spectrum"
-    instance(owner, "record", record, Record)
-    require_seconds(f"{owner}: record", record)
+    instance("record", record, Record)
+    require_seconds("record", record)
     if (strength is None) == (ductility is None):
-        raise InvalidInput(owner, "strength and ductility", "", "must be one of them, not both")
+        raise InvalidInput("strength and ductility", "", "must be one of them, not both")
     if _checks.is_traced((periods, damping, record.dt)):
         rule = "must be known, not traced: the time step follows"
-        raise InvalidInput(owner, "periods, damping and record.dt", "", rule)
+        raise InvalidInput("periods, damping and record.dt", "", rule)
     stated = {"strength": strength} if ductility is None else {"ductility": ductility}
-    period, level = positive(owner, periods=periods, **stated)
-    zeta, alpha = number(owner, "damping", damping), number(owner, "hardening", hardening)
+    period, level = positive(periods=periods, **stated)
+    zeta, alpha = number("damping", damping), number("hardening", hardening)
     if not np.size(period):
-        raise InvalidInput(owner, "periods", "", "must not be empty")
-    _checks.require_batch(owner, periods=period, **dict.fromkeys(stated, level))
+        raise InvalidInput("periods", "", "must not be empty")
+    _checks.require_batch(periods=period, **dict.fromkeys(stated, level))
     checks = [
         PERIOD.of("periods", period),
         damping_rule(zeta),
         Rule("hardening", alpha, (alpha >= 0) & (alpha <= 1), "from 0 to 1"),
         Rule("ductility", level, (level >= 1) | (strength is not None), "at least 1"),
     ]
-    enforce(owner, checks)
-    shortest = Buildings.of(owner, (_oscillator(np.min(period), zeta),))
-    grid = record_grid(f"{owner}:", shortest, Scheme(), [record], dt=dt)
+    enforce(checks)
+    shortest = Buildings.of((_oscillator(np.min(period), zeta),))
+    grid = record_grid(shortest, Scheme(), [record], dt=dt)
     spectrum = _spectrum(record, jnp.asarray(period), level, zeta, alpha, grid, strength is None)
     return jax.tree.map(lambda y: jnp.where(all_hold(checks), y, jnp.nan), spectrum)
 

@@ -46,11 +46,10 @@ def quantile(sample: np.ndarray, share: float, confidence: float = 0.95) -> Esti
     """
     from scipy import stats  # only here: it takes a second to import
 
-    owner = "quantile"
-    require_share(owner, "share", share)
-    require_share(owner, "confidence", confidence)
-    sample = array(owner, "sample", sample, (-1,))
-    enforce(owner, [Rule("sample", sample, np.isfinite(sample), "finite")])
+    require_share("share", share)
+    require_share("confidence", confidence)
+    sample = array("sample", sample, (-1,))
+    enforce([Rule("sample", sample, np.isfinite(sample), "finite")])
     ends = stats.quantile_test(sample, p=share).confidence_interval(confidence)
     # NaN if no order statistic suffices.
     low, high = np.where(np.isnan(ends), (-np.inf, np.inf), ends).tolist()
@@ -78,6 +77,10 @@ class Moments(NamedTuple):
         mean = float(w @ x) / weight
         ends = float(x[w > 0].min()), float(x[w > 0].max())
         return Moments(x.size, mean, float(w @ (x - mean) ** 2), *ends, weight, float(w @ w))
+
+    def __str__(self) -> str:
+        extremes = f"{self.smallest:.4g} to {self.largest:.4g}"
+        return f"mean {self.mean:.4g}, standard deviation {self.std:.4g}, {extremes} ({self.n:,})"
 
     def __add__(self, other: Moments) -> Moments:  # type: ignore[override]
         """Moments of both parts (Chan, Golub and LeVeque 1979), with weights for counts."""

@@ -17,7 +17,6 @@ from jaxpound.store.store import MANIFEST, Store
 
 Measure = Callable[[Any, Any], Any]  # a user-defined column, of structures and ground motion
 
-_OWNER = "Storage"
 _SMALLEST, _LARGEST, _CHUNKS = 32, 16_384, 8  # samples of a chunk, and chunks at least
 
 
@@ -69,26 +68,26 @@ class Storage:
     shard: tuple[int, int] = (1, 1)
 
     def __post_init__(self) -> None:
-        instance(_OWNER, "folder", self.folder, str, PathLike, type(None))
+        instance("folder", self.folder, str, PathLike, type(None))
         if self.chunk_size is not None:
-            object.__setattr__(self, "chunk_size", count(_OWNER, "chunk_size", self.chunk_size))
-        instance(_OWNER, "measures", self.measures, Mapping)
+            object.__setattr__(self, "chunk_size", count("chunk_size", self.chunk_size))
+        instance("measures", self.measures, Mapping)
         object.__setattr__(self, "measures", dict(self.measures))
         for name, measure in self.measures.items():
             if not callable(measure):
                 rule = "must be a function"
-                raise InvalidInput(_OWNER, f"measures[{name!r}]", repr(measure), rule)
+                raise InvalidInput(f"measures[{name!r}]", repr(measure), rule)
         try:
             json.dumps(self.notes, allow_nan=False)
         except (TypeError, ValueError) as error:
             rule = f"must be what JSON can hold ({error})"
-            raise InvalidInput(_OWNER, "notes", "", rule) from error
+            raise InvalidInput("notes", "", rule) from error
         shard = self.shard
         pair = isinstance(shard, tuple) and len(shard) == 2
         if not (pair and all(isinstance(x, int) for x in shard) and 1 <= shard[0] <= shard[1]):
-            raise InvalidInput(_OWNER, "shard", repr(shard), "must be (i, k) with 1 ≤ i ≤ k")
+            raise InvalidInput("shard", repr(shard), "must be (i, k) with 1 ≤ i ≤ k")
         if self.folder is None and shard != (1, 1):
-            raise InvalidInput(_OWNER, "shard", repr(shard), "must come with a folder to fill")
+            raise InvalidInput("shard", repr(shard), "must come with a folder to fill")
 
     def sized(self, n: int) -> int:
         """Samples per chunk of a study of n samples."""

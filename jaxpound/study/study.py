@@ -123,19 +123,19 @@ class Study(DemandColumns):
         scenarios; ``link`` the number of a link, from 0, by default any of them. Raises
         ``ValueError`` if a gap's required gap is unknown.
         """
-        return np.concatenate([*self._pounding("pounding", gap, link)])
+        return np.concatenate([*self._pounding(gap, link)])
 
     def pounding_probability(
         self, gap: float | None = None, confidence: float = 0.95, *, link: int | None = None
     ) -> Estimate:
         """Probability of ``pounding``, with Clopper and Pearson's interval."""
-        require_share("pounding_probability", "confidence", confidence)
-        hits = self._hits(self._pounding("pounding_probability", gap, link))
+        require_share("confidence", confidence)
+        hits = self._hits(self._pounding(gap, link))
         return hits.estimate(self.normalised, confidence)
 
     def pounding_cov(self, gap: float | None = None, *, link: int | None = None) -> float:
         """Coefficient of variation of ``pounding_probability``, to first order; NaN if it is 0."""
-        hits = self._hits(self._pounding("pounding_cov", gap, link))
+        hits = self._hits(self._pounding(gap, link))
         p = hits.share(self.normalised)
         return float(hits.variance(p, self.normalised) ** 0.5 / p) if p else float("nan")
 
@@ -162,7 +162,7 @@ class Study(DemandColumns):
         else:
             if threshold is None or gap is not None or link is not None:
                 rule = "must have a threshold, and no gap or link"
-                raise InvalidInput("fragility", "demand", repr(demand), rule)
+                raise InvalidInput("demand", repr(demand), rule)
             column = self[demand]
             pounding = np.where(np.isnan(column), np.nan, column >= threshold)
             event = event_in_words(demand, threshold, self.si, self.stored_topology)
@@ -171,31 +171,31 @@ class Study(DemandColumns):
         curve = fit_fragility(im[valid], pounding[valid] == 1, weights=weights)
         return dataclasses.replace(curve, measure=str(self.measure(intensity)), event=event)
 
-    def _pounding(self, owner: str, gap: Any, link: Any) -> Iterator[np.ndarray]:
+    def _pounding(self, gap: Any, link: Any) -> Iterator[np.ndarray]:
         """``pounding``, part by part."""
         if gap is None:
-            name = "pounds" if link is None else self._column_of_link(owner, "min_gap", link)
+            name = "pounds" if link is None else self._column_of_link("min_gap", link)
             limit, factor = (1.0, 1.0) if link is None else (0.0, -1.0)
         else:
-            (limit,) = not_negative(owner, gap=number(owner, "gap", gap))
-            name = self._column_of_link(owner, "required_gap", link)
+            (limit,) = not_negative(gap=number("gap", gap))
+            name = self._column_of_link("required_gap", link)
             factor = self._factor(name)
         for part in self._parts(self._column(name)):
             yield np.where(np.isnan(part), np.nan, part * factor >= limit)
 
-    def _column_of_link(self, owner: str, name: str, link: Any) -> str:
+    def _column_of_link(self, name: str, link: Any) -> str:
         """Name of an existing link's column; for no link ``name`` itself, of all links."""
         if link is None:
             return name
         if not (is_whole(link) and 0 <= link < self.n_links):
             rule = f"must be the number of one of the {self.n_links} links, from 0"
-            raise InvalidInput(owner, "link", repr(link), rule)
+            raise InvalidInput("link", repr(link), rule)
         if (column := of_link(name, int(link), self.n_links)) not in self._moments:
             rule = "must have a finite gap and no law of contact, for its required gap to be known"
-            raise InvalidInput(owner, "link", str(link), rule)
+            raise InvalidInput("link", str(link), rule)
         if name == "min_gap" and not self._moments[column].n and self.failed < len(self):
             rule = "must have a finite gap, or it never pounds"
-            raise InvalidInput(owner, "link", str(link), rule)
+            raise InvalidInput("link", str(link), rule)
         return column
 
     def required_gap(
@@ -206,10 +206,9 @@ class Study(DemandColumns):
         Of a link by number, from 0; by default the common gap of all links at which any of them
         pounds with this probability. Raises ``ValueError`` if the required gap is unknown.
         """
-        owner = "required_gap"
-        require_share(owner, "probability", probability)
-        require_share(owner, "confidence", confidence)
-        name = self._column_of_link(owner, "required_gap", link)
+        require_share("probability", probability)
+        require_share("confidence", confidence)
+        name = self._column_of_link("required_gap", link)
         return self.quantile(name, 1 - probability, confidence)
 
     def required_gaps(self, probability: float, confidence: float = 0.95) -> RequiredGaps:
@@ -228,11 +227,11 @@ class Study(DemandColumns):
         friction 0. They are applied to the peaks of this study, with its damper. The structures
         must be a pair: two buildings of one storey and one link, which has a gap.
         """
-        require_share("separation", "probability", probability)
+        require_share("probability", probability)
         if (oscillators := self.about["oscillators"]) is None:
             rule = "must be a pair: two buildings of one storey and one link, which has a gap; for "
             rule += "a row, en_1998_gap takes the quantiles of peak_x of both floors of a link"
-            raise InvalidInput("Study.separation", "structures", "", rule)
+            raise InvalidInput("structures", "", rule)
         u1, u2 = (self.quantile(f"peak_x{i}", 1 - probability).value for i in (1, 2))
         rho = double_difference_correlation(*oscillators)
         rules = u1 + u2, srss(u1, u2), max(u1**2 + u2**2 - 2 * rho * u1 * u2, 0.0) ** 0.5
@@ -258,7 +257,7 @@ class Study(DemandColumns):
 
         NaN where one of the two does not vary. Runs in which the column is infinite are left out.
         """
-        require_one_of("correlations", kind, ("rank", "linear"), "kind")
+        require_one_of(kind, ("rank", "linear"), "kind")
         y = self._read(self._column(name))
         valid, weights = np.isfinite(y), self.weights
         return {
@@ -277,7 +276,7 @@ class Study(DemandColumns):
             heading = column(name, self._quantity(name), self.si)
             if heading in index | columns:
                 rule = "must differ from every other column of the table: rename it in the study"
-                raise InvalidInput("Study", f"column {heading!r}", "", rule)
+                raise InvalidInput(f"column {heading!r}", "", rule)
             columns[heading] = self[name]
         return index, columns
 

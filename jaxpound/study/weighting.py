@@ -20,11 +20,11 @@ class Weighting:
     curve: Any = None  # the points of the hazard curve that made the weights, if one did
 
 
-def require_weights(owner: str, weights: np.ndarray) -> None:
+def require_weights(weights: np.ndarray) -> None:
     """An ``InvalidInput`` for weights that are negative, not finite, or all 0."""
-    not_negative(owner, weights=weights)
+    not_negative(weights=weights)
     whole = weights.sum()
-    enforce(owner, [Rule("sum of the weights", whole, whole > 0, "positive")])
+    enforce([Rule("sum of the weights", whole, whole > 0, "positive")])
 
 
 class Hits(NamedTuple):
@@ -74,8 +74,8 @@ class Hits(NamedTuple):
 
     def estimate(self, normalised: bool, confidence: float = 0.95) -> Estimate:
         """The probability, with Clopper and Pearson's interval for ``effective_size`` samples."""
-        require_share("probability", "confidence", confidence)
-        enforce("probability", [Rule("n", self.n, self.n >= 1, "at least 1")])
+        require_share("confidence", confidence)
+        enforce([Rule("n", self.n, self.n >= 1, "at least 1")])
         p = self.share(normalised)
         low, high = binomial_interval(min(p, 1.0), self.effective_size(p, normalised), confidence)
         return Estimate(p, low, high, confidence)
@@ -95,9 +95,9 @@ def quantile(
     (Woodruff 1952); an end is infinite if its probability is less than the weight of the outermost
     sample.
     """
-    require_share("quantile", "share", share)
-    require_share("quantile", "confidence", confidence)
-    sample = array("quantile", "sample", sample, (-1,))
+    require_share("share", share)
+    require_share("confidence", confidence)
+    sample = array("sample", sample, (-1,))
     sign = 1.0 if share >= 0.5 else -1.0
     tail = 1 - share if share >= 0.5 else share
     order = np.argsort(sign * sample)[::-1]

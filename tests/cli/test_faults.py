@@ -177,7 +177,7 @@ goal = "least demand" & demand = "peak_contact"
     => objective: 'peak_contact' in goal must be of structures with a contact law
 goal = "CVaR" & share = 2.0 => [objective] share = 2.0 must be between 1e-06 and 1 (of the
 peak_f1 -> peak_f3 = 1.0 => objective: 'peak_f3' in limits must be one of
-peak_f1 = -1.0 => [limits] peak_f1: at_most = -1 must be positive and finite
+peak_f1 = -1.0 => [limits] peak_f1 = -1 N must be between 1e-06 and 1e+12 N
 peak_f1 = {at_most = 1.0, over = "x"} => peak_f1: over = 'x' must be
 peak_f1 -> required_gap = 0.1 => [objective] limits: required_gap = 0.1 must have a probability
 goal = "gap at rest" => [objective] goal = "gap at rest" must be given with a
@@ -208,14 +208,14 @@ acceleration -> wavelets = 4 => [earthquakes] must not have wavelets here; give 
 envelope = {peak = 3.0} => [earthquakes] envelope lacks power; give peak, power
 envelope = {rise = 4.0, end = 2.0, decay = 1.0}
     => [earthquakes] envelope end = 2 must be finite and above rise = 4
-# gap = -> gap = -1 => [limit] gap = -1 must be between 1e-09 and 1e+15
+# gap = -> gap = -1 => [limit] gap = -1 m must be between 1e-09 and 10 m
 threshold = 1 => [limit] lacks demand; give demand, threshold
 demand = "peak_x1" => [limit] lacks threshold; give demand, threshold
 demand = "peak_y" ; threshold = 1 => [limit] unknown demand 'peak_y'
-thresholds = [0.1, -0.1] => [limit] thresholds = [0.1, -0.1] must be a list of two
-# gap = -> gap = 0 => [limit] gap = 0 must be between 1e-09 and 1e+15
-demand = "peak_x1" ; threshold = 0 => [limit] threshold = 0 must be between 1e-09
-demand = "peak_x1" ; threshold = 1e300 => [limit] threshold = 1e+300 must be between 1e-09
+thresholds = [0.1, -0.1] => [limit] thresholds = -0.1 m must be between 1e-09
+# gap = -> gap = 150 => [limit] gap = 150 m must be between 1e-09 and 10 m
+demand = "peak_x1" ; threshold = 0 => [limit] threshold = 0 m must be between 1e-09
+demand = "peak_x1" ; threshold = 1e300 => [limit] threshold = 1e+300 m must be between
 acceleration = 0 => [earthquakes] acceleration = 0 g must be between
 cov = 2 => [search] cov = 2 must be between 0.001 and 0.99
 method = "form" => [search] method = "form" must be one of "auto"
@@ -252,7 +252,7 @@ correlation = 1.5 => [study] correlation = 1.5 must be between
 correlation = -0.9 => [uncertain] correlation = -0.9 must be
 """
 FAULTS["design_row"] = r"""
-total_damper_force = -1.0 => [limits] total_damper_force: at_most = -1 must
+total_damper_force = -1.0 => [limits] total_damper_force = -1 N must be
 total_damper -> total_damper_forc = 1.0 => did you mean 'total_damper_force'?
 total_damper -> peak_x6 = 1.0 => objective: 'peak_x6' in limits must be one of
 "link.* -> "link.9.friction_force" = {low = 0, high = 2} => [variables] link.9.frict

@@ -135,8 +135,8 @@ demand = "peak_x1" => [ida] threshold = None must be a number: demand is
 demand = "drift" => [ida] unknown demand 'drift'; did you mean 'peak_drift'
 demand = "peak_contact" ; threshold = 1
     => [ida] demand = 'peak_contact' must be of structures with a contact law
-threshold = 0 => [ida] threshold = 0 must be between 1e-09 and
-demand = "peak_x1" ; threshold = 1e22 => [ida] threshold = 1e+22 must be b
+threshold = 0 => [ida] threshold = 0 m must be between 1e-09 and 10 m
+demand = "peak_x1" ; threshold = 1e22 => [ida] threshold = 1e+22 m must be b
 intensities = [0.1, 1e300]
     => [ida] intensities = [0.1, 1e+300] must be a list of numbers between 1e-06
 demand = "peak" ; threshold = 1 => [ida] unknown demand 'peak'

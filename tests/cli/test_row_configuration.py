@@ -39,7 +39,7 @@ def test_the_example_is_the_library_s_row():
 def test_a_warning_names_the_table_of_a_link_and_its_floors():
     links = ("building = 2\nfloors = 'common'", "building = 2\nfloor = 2\nnext_building = 2")
     of_first = f"[[link]]\n{links[0]}\nfriction_force = 1e5\n"
-    says = r"^configuration: \[\[link\]\] 2 \(in 2, floors 1–2\): slip force = 1 N should be 0 or"
+    says = r"^jaxpound: \[\[link\]\] 2 \(in 2, floors 1–2\): slip force = 1 N should be 0 or"
     with pytest.warns(jp.PlausibilityWarning, match=says):
         layout_of(f"{THREE}{of_first}[[link]]\n{links[1]}\nfriction_force = 1")
 
@@ -217,7 +217,7 @@ def test_common_floors_without_a_partner_are_told_of_once():
         f"[[building]]\nstoreys = {{masses = {m}, stiffnesses = 5e8, {rod}, heights = {h}}}\n"
         for m, h in (([3e5] * 3, [4.0, 3.2, 3.2]), ([3e5] * 2, [4.0, 3.6]))
     ]
-    rule = r"^floor_links: floors 2 of building 1 beside 2 and 2 of building 2 "
+    rule = "^jaxpound: floors 2 of building 1 beside 2 and 2 of building 2 beside 1 have no floor"
     with pytest.warns(jp.PlausibilityWarning, match=rule) as told:
         layout = layout_of("".join(tables) + "[[link]]\nfloors = 'common'\ngap = 0.1\n")
     assert len(told) == len(layout.buildings.links) == 1

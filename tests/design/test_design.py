@@ -429,7 +429,7 @@ test_bad_arguments_are_named = refusals(
     ({"fresh": -5}, "fresh = -5 must be a positive"),
     ({"save": "no/such/folder.npz"}, "save = .* must be in a folder that exists"),
     ({"start": PEAK | {"mu": 1}}, "design has 'mu', which is none"),
-    ({"start": 0.5}, "start: DesignSpace: design = 0.5 must be of type"),
+    ({"start": 0.5}, "design_damper: start: design = 0.5 must be of type"),
     (AT_RANDOM, "save cannot keep an optimiser that draws at random"),
     ({"starts": 10**9}, r"starts = 1,000,000,000 would take \d+ GB of memory"),
     # What nothing meets is refused with the least excess.

@@ -72,7 +72,7 @@ NO_LINK = dataclasses.replace(SYSTEM, links=()), {"masses.0": (0.5, 1.0)}
 def test_without_a_gap_a_goal_of_gaps_is_refused(system, variables):
     for goal in (jp.MeanGap(), jp.design.GapAtRest(), jp.PoundingProbability()):
         named = rf"goal = {type(goal).__name__}\(.*\) must not be of gaps"
-        refused(f"^design_damper: objective: {named}", problem, system, variables, goal=goal)
+        refused(f"^DesignProblem: objective: {named}", problem, system, variables, goal=goal)
     posed = problem(system, variables, goal=jp.design.LeastDemand("peak_drift"))
     assert posed.columns == posed.limitable
     assert {*jax.eval_shape(posed.demands, system, ENSEMBLE.ground(0))} == {*posed.columns}
@@ -85,7 +85,7 @@ def test_without_a_gap_a_goal_of_gaps_is_refused(system, variables):
 
 def test_a_probability_at_one_gap_is_refused_where_gaps_differ_or_one_is_chosen():
     goal = jp.PoundingProbability(0.3)
-    says = "^design_damper: objective: PoundingProbability: gap mu"
+    says = "^DesignProblem: objective: PoundingProbability: gap mu"
     chosen = linked(0.3, 0.3), {"links.1.gap": (0.1, 1.0)}
     for system, variables in ((linked(0.3, 0.4), FRICTION), chosen):
         assert problem(system, variables, goal=jp.PoundingProbability()).columns[1] == "min_gap_1"
@@ -95,7 +95,7 @@ def test_a_probability_at_one_gap_is_refused_where_gaps_differ_or_one_is_chosen(
 
 def test_prices_that_the_structures_lack_are_refused():
     rule = r"'damper_force' in limits must be one of damper_force_1, .*friction_work_2"
-    rule = f"^design_damper: objective: {rule}"
+    rule = f"^DesignProblem: objective: {rule}"
     refused(rule, problem, linked(0.3, 0.3), limits={"damper_force": 1.0})
     refused("'peak_x4' in penalties must be one of", problem, SYSTEM, penalties={"peak_x4": 1.0})
     by_newton = dataclasses.replace(linked(0.3, 0.3).links[0], contact=jp.Newton(0.6))

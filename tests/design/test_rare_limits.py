@@ -145,7 +145,7 @@ def design_with(demand, probability, ensemble):
 test_limits_that_cannot_be_estimated = refusals(
     ("required_gap", 1e-3, GIVEN, "required_gap: a probability needs an ensemble that is drawn"),
     ("required_gap", 1e-13, ENSEMBLE, "required_gap: probability = 1e-13 must be at least 1e-12"),
-    ("damper_force", 1e-3, ENSEMBLE, "damper_force: LimitState: unknown demand 'damper_force'"),
+    ("damper_force", 1e-3, ENSEMBLE, "damper_force: unknown demand 'damper_force'"),
     of=design_with,
 )
 

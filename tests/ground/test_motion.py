@@ -78,7 +78,7 @@ test_senseless_motions_are_refused = refusals(
     (lambda: RECORD * None, "Scaled: factor = None must be a real number"),
     (lambda: np.nan * RECORD, "Scaled: factor = nan must be finite"),
     (lambda: np.array([1.0, 2.0]) * RECORD, r"Scaled: factor of shape \(2,\) must be one"),
-    (lambda: RECORD / "2", "Scaled: divisor = '2' must be a real number"),
+    (lambda: RECORD / "2", "Record: divisor = '2' must be a real number"),
     (lambda: sampled(3, GRID), r"ground = 3 must have acceleration\(t\) or be a func"),
     *(
         (lambda ground=ground: sampled(ground, GRID), rf"ground: acceleration\(t\) .*{message}")

@@ -235,7 +235,7 @@ test_wrong_arguments_are_named = refusals(
     ({"threshold": 0.0}, "threshold = 0 must be above 0, what the demand is without shaking"),
     ({"structures": PAIR.dimensionless()[0]}, "structures = Row must be jp.Buildings, as records"),
     ({"structures": linked(gap=np.inf)}, "structures must have a link whose gap is finite"),
-    ({"records": [IN_UNITS]}, r"records: Record\(.* must be in seconds, as Buildings are"),
+    ({"records": [IN_UNITS]}, r"records = Record\(.* must be in seconds, as Buildings are"),
     ({"records": "folder"}, "records = 'folder' must be a RecordSuite or records|Record"),
     ({"records": [SUITE, SUITE]}, "records = 2 suites must be one: multiple_stripes takes several"),
     ({"grid": 0.1}, "grid = 0.1 must be of type TimeGrid"),

@@ -250,7 +250,7 @@ test_a_stiffness_is_suggested_in_exactly_one_of_two_ways = refusals(
     ({"modulus": 1.0, "area": 1.0}, "contact_stiffness: length = None must be a real number"),
     ({"modulus": 1.0, "area": 0, "length": 1.0}, "area = 0 must be positive and finite"),
     ({"storeys": (1.0, -2.0)}, r"storeys\.1 = -2 must be positive and finite"),
-    ({"storeys": (1.0,)}, r"storeys = \(1\.0,\) must be two numbers"),
-    ({"storeys": 5.0}, r"storeys = 5\.0 must be two numbers"),
+    ({"storeys": (1.0,)}, r"storeys = \(1\.0,\) must be two numbers or more"),
+    ({"storeys": 5.0}, r"storeys = 5\.0 must be two numbers or more"),
     of=lambda given: jp.contact_stiffness(**given),
 )

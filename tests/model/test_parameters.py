@@ -156,16 +156,16 @@ def test_a_pattern_stands_for_all_paths_that_it_matches():
         ("*.*.rods.*.stiffness", stiffness),
         ("links.*.friction", ["links.0.friction", "links.1.friction"]),
     ):
-        assert parameters.expanded("owner", ROW, {pattern: 1.0}) == dict.fromkeys(matched, 1.0)
+        assert parameters.expanded(ROW, {pattern: 1.0}) == dict.fromkeys(matched, 1.0)
     orders = dict.fromkeys(("rod_1.order", "rod_2.order"), 1)
-    assert parameters.expanded("owner", PAPER, {"rod_*.order": 1}) == orders
+    assert parameters.expanded(PAPER, {"rod_*.order": 1}) == orders
     both = {"links.1.friction": 2.0, "links.*.friction": 1.0}
     frictions = {"links.0.friction": 1.0, "links.1.friction": 2.0}
     for values in (both, dict(reversed(both.items()))):
-        assert parameters.expanded("owner", ROW, values) == frictions
+        assert parameters.expanded(ROW, values) == frictions
     faces = jp.Link((0, jp.GROUND), friction=0.1, gap=(0.2, 0.3))  # the left one has no friction
     system = jp.System((1.0,), [jp.Rod(ROW.system().rods[0].material, 1.0, (0, -1))], [faces])
-    assert [*parameters.expanded("owner", system, {"links.*.friction": 1})] == ["links.0.friction"]
+    assert [*parameters.expanded(system, {"links.*.friction": 1})] == ["links.0.friction"]
     space = jp.DesignSpace(system, {"links.*.friction": (0.0, 1.0)})
     assert space.structures([0.5]).links[0].friction == 0.5
 
@@ -176,8 +176,8 @@ test_patterns_that_match_nothing_or_twice_are_named = refusals(
     (["*"], r"no path matches '\*'; allowed: buildings\.\*\.rods\.\*\.material\.order, "),
     (["links.*.gap", "links.0.*"], r"'links\.\*\.gap' and 'links\.0\.\*' must not both match"),
     (["links.2.gap"], r"unknown path 'links\.2\.gap'; did you mean 'links\.1\.gap'"),
-    of=lambda given: parameters.expanded("owner", ROW, dict.fromkeys(given, 1.0)),
-    before="^owner: ",
+    of=lambda given: parameters.expanded(ROW, dict.fromkeys(given, 1.0)),
+    before="^expanded: ",
 )
 
 

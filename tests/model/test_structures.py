@@ -119,8 +119,8 @@ def test_pair_reports_both_uncoupled_structures_and_batches_are_the_single_ones(
 def test_pairs_and_frequencies_refuse_bad_values():
     for bad in (0.0, -1.0, np.nan, "a", None):
         rod = jp.ZenerRod(0.5, 0.1, 2.0)
-        refused("natural_frequency: stiffness = ", rod.natural_frequency, stiffness=bad)
-        refused("natural_frequency: mass = ", rod.damping_ratio, mass=bad)
+        refused("ZenerRod.natural_frequency: stiffness = ", rod.natural_frequency, stiffness=bad)
+        refused("ZenerRod.damping_ratio: mass = ", rod.damping_ratio, mass=bad)
     for names, values, message in (
         (RATIOS, (0, -1.5, np.nan, np.inf, [1.0, -1.0]), "positive and finite"),
         (FORCES, (-1e-9, np.nan, np.inf, [0.0, -1.0]), "and not negative"),

@@ -61,9 +61,9 @@ def test_names_that_no_scalar_has_are_understood_as_well():
     assert demands == [True, True, False]
     assert [named.is_zero_by_newton(x) for x in ("peak_contact_2", "peak_impulse")] == [True, False]
     system, demand = jp.paper.structures().system(), pair_demand(0.25)
-    value_of = partial(named.value_of, "LimitState", system, demand)
+    value_of = partial(named.value_of, system, demand)
     assert value_of(named.OVERLAP) == -0.25
     (link,) = system.links
     assert float(value_of(named.REQUIRED_GAP)) == pytest.approx(float(link.gap) - 0.25)
-    refused(r"^LimitState: unknown demand 'peak_x3'", value_of, "peak_x3")
-    refused(r"^LimitState: demand = 'peak_contact' must be of str", value_of, "peak_contact")
+    refused(r"^value_of: unknown demand 'peak_x3'", value_of, "peak_x3")
+    refused(r"^value_of: demand = 'peak_contact' must be of str", value_of, "peak_contact")

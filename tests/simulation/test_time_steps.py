@@ -132,15 +132,15 @@ def test_many_steps_because_of_a_small_relaxation_time_are_no_longer_silent():
     options = jp.Scheme(), [RECORD]
     buildings = jp.Buildings((high, low(1e-6)))
     says = (
-        r"^dt: 43,355 steps of 0\.000138 s are taken, 72 times as many as periods and record need, "
+        r"dt: 43,355 steps of 0\.000138 s are taken, 72 times as many as periods and record need, "
     )
     says += (
         r"because of storey 2 of building 2, which its small tau_f = 1e-06 s makes .* a larger one"
     )
     with pytest.warns(jp.PlausibilityWarning, match=says):
-        assert record_grid("run:", buildings, *options).n_steps == 43355
-    refused(says, partial(record_grid, strict=True), "run:", buildings, *options)
-    assert record_grid("run:", jp.Buildings((high, low())), *options)
+        assert record_grid(buildings, *options).n_steps == 43355
+    refused(says, partial(record_grid, strict=True), buildings, *options)
+    assert record_grid(jp.Buildings((high, low())), *options)
     tower = jp.Buildings((jp.ShearBuilding.from_period(50, 3e5, 5.0, 0.05, 1),))
     assert chosen_step(tower, jp.Scheme(), 10.0) < 5.0 / 50 / 20
 
@@ -242,7 +242,7 @@ test_dimensionless_structures_refuse_a_record_in_seconds = refusals(
         for ground in (RECORD, 2 * RECORD, WAVE + 0.5 * RECORD, IN_SECONDS)
     ),
     *(
-        (design, grounds, "design_damper: ensemble: .* in units of 1/ω1")
+        (design, grounds, "design_damper: ensemble = .* in units of 1/ω1")
         for grounds in ([RECORD], [WAVE, 2 * RECORD], [IN_SECONDS])
     ),
 )
@@ -264,12 +264,17 @@ SAME_UNIT = rf"^RandomRecord: records\[1\] = {BURST} the same unit of time"
 DEMAND = jax.jit(lambda record: jp.demand(STRUCTURES, record, GRID).min_gap)
 GRADIENT = jax.grad(lambda gap: jp.simulate(pair(gap=gap), RECORD).min_gap)
 test_a_wrong_unit_of_time_and_traced_buildings_are_refused = refusals(
-    (jp.Ensemble.of, [RECORD, SHAKING], GRID, "Ensemble: grounds must be in one unit of time"),
+    (jp.Ensemble.of, [RECORD, SHAKING], GRID, "Ensemble.of: grounds must be in one unit of time"),
     (DEMAND, RECORD, r"Record\(\(300,\) samples, time in s\) must be in units of 1/ω1"),
     (jp.RandomRecord, (SHAKING, RECORD), SAME_UNIT),
-    (Explorer, STRUCTURES, RECORD, GRID, f"^Explorer: ground: {BURST} in units of 1/ω1"),
+    (Explorer, STRUCTURES, RECORD, GRID, f"^Explorer: ground = {BURST} in units of 1/ω1"),
     (GRADIENT, 0.1, f"^simulate: grid = None {FOLLOWS}"),
     (jax.grad(lambda a: jp.demand(pair(), a * WAVE, duration=4.0).min_gap), 0.1, FOLLOWS),
     (SCALES.to_dimensionless, SHAKING, f"record = {BURST}{MEANT}"),
-    (jp.simulate, pair(), SHAKING, f"^ground: {BURST} must be in seconds, as Buildings are"),
+    (
+        jp.simulate,
+        pair(),
+        SHAKING,
+        f"^simulate: ground = {BURST} must be in seconds, as Buildings are",
+    ),
 )

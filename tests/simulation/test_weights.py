@@ -208,7 +208,7 @@ def dense(seed, n, n_joints, law):
     if law:
         gap, stiffness, e = draw.uniform((0.03, 100.0, 0.4), (0.08, 300.0, 0.8))
         links[0] = dataclasses.replace(links[0], gap=gap, contact=jp.KelvinVoigt(stiffness, e))
-    influence = (*draw.uniform(0.5, 1.0, n - 1).tolist(), 0.0)
+    influence = (*np.linspace(0.9, 0.6, n - 1).tolist(), 0.0)  # of all seeds, as it is static
     return jp.System(tuple(draw.uniform(0.5, 1.2, n)), rods, tuple(links), influence=influence)
 
 

@@ -139,8 +139,8 @@ def test_links_that_are_not_there_or_far_are_named(study, folder):
     for ask in (study.pounding_probability, study.pounding, study.fragility):
         for link in (2, -1, True, 0.0):
             refused(r"link = .* must be the number of one of the 2 l", ask, link=link)
-    refused(r"^required_gap: link = 5 must be", study.required_gap, 0.1, link=5)
-    refused(r"^pounding: gap = -1 must be finite and not negative", study.pounding, -1.0)
+    refused(r"^Study.required_gap: link = 5 must be", study.required_gap, 0.1, link=5)
+    refused(r"^Study.pounding: gap = -1 must be finite and not negative", study.pounding, -1.0)
     lower, upper = ROW.links
     far = dataclasses.replace(ROW, links=(lower, dataclasses.replace(upper, gap=1e3)))
     with pytest.warns(

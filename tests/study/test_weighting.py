@@ -182,7 +182,7 @@ def test_weights_of_runs_that_failed_do_not_matter():
 
 
 test_bad_weights_are_named = refusals(
-    (lambda x: x.weighted("wait"), "Study: column 'wait' must be one of"),
+    (lambda x: x.weighted("wait"), "Study.weighted: column 'wait' must be one of"),
     (lambda x: x.weighted([1.0]), r"Study.weighted: weights of shape .* must be \(4000,\)"),
     (lambda x: x.weighted("min_gap"), "weights = -.* must be finite and not negative"),
     (lambda x: x.weighted(np.zeros(4000)), "sum of the weights = 0 must be positive"),

@@ -343,7 +343,7 @@ def _end_impacts(constants: Constants, x: FlowState, ends: jax.Array) -> FlowSta
     return x.with_gaps(
         ended=log.ended + over,
         strongest=jnp.where(over & (impulse > log.strongest), impulse, log.strongest),
-        powers=log.powers + jnp.where(over, contact.peak_force**records.SOFT, 0.0),
+        soft_peak=records.soft_larger(log.soft_peak, jnp.where(over, contact.peak_force, 0.0)),
         impacts=impacts,
     )
 

@@ -6,15 +6,24 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+
+from jaxpound._extrema import larger, smaller
 
 APART, PRESSED, CLIPPED, REST = 0.0, 1.0, 2.0, 3.0
 """Modes of contact in a gap. ``APART``: open. ``PRESSED``: force ≥ 0. ``CLIPPED``: the force would
 pull and is set to 0. ``REST``: closed at rest (Newton's law), with a reaction force."""
 
 SLOTS = 4  # impacts recorded for each gap in one step
-SOFT = 8  # exponent of the norm of impacts' peak forces that is a soft maximum
 DISCRETE = "mode", "counts", "fastest"  # by which, of a ``Contact``, nothing is differentiated
+
+
+def soft_larger(a: Any, b: Any) -> jax.Array:
+    """The norm (a⁸ + b⁸)^(1/8) of forces a, b ≥ 0, a soft maximum: of its own size, not a⁸'s."""
+    high = larger(a, b)
+    share = smaller(a, b) / jnp.where(high > 0, high, 1.0)
+    return high * jnp.sqrt(jnp.sqrt(jnp.sqrt(1 + share**8)))
 
 
 def is_deformed(mode: jax.Array) -> jax.Array:
@@ -144,7 +153,7 @@ class GapLog(NamedTuple):
     first_touch: jax.Array  # when the first of them did
     ended: jax.Array  # impacts that ended
     strongest: jax.Array  # largest impulse of those that ended
-    powers: jax.Array  # sum of their peak forces to the power ``SOFT``
+    soft_peak: jax.Array  # soft maximum of their peak forces
     highest: jax.Array  # largest contact force
     highest_time: jax.Array
     highest_forces: jax.Array  # q + p of all joints then, (g, n): row j for gap j

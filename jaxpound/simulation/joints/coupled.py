@@ -268,10 +268,7 @@ def all_coupled(
 
 
 def joint_group(
-    joints: Sequence[Joint],
-    system: System,
-    masses: Sequence[jax.Array],
-    influence: Sequence[Any],
+    joints: Sequence[Joint], system: System, masses: Sequence[jax.Array], influence: Sequence[Any]
 ) -> Coupled:
     """The constants of one group of joints of a system."""
     links, dtype = [system.links[joint.link] for joint in joints], masses[0].dtype

@@ -120,8 +120,8 @@ class Smoothed:
     def __post_init__(self) -> None:
         if is_traced(self.velocity):
             rule = "shapes the program and cannot be traced"
-            raise InvalidInput("Smoothed", "velocity", "", rule)
-        (velocity,) = positive_number("Smoothed", velocity=self.velocity)
+            raise InvalidInput("velocity", "", rule)
+        (velocity,) = positive_number(velocity=self.velocity)
         object.__setattr__(self, "velocity", float(velocity))
 
     def slide(self, before: LinkStep) -> LinkMotion:

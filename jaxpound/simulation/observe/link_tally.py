@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from jaxpound._extrema import larger
 from jaxpound.results.element_demands import LinkDemand
-from jaxpound.simulation.contact.records import APART, SOFT, Contact, GapStep, is_deformed
+from jaxpound.simulation.contact.records import APART, Contact, GapStep, is_deformed, soft_larger
 from jaxpound.simulation.state import LinkInstant
 
 WINDOW = 3  # samples of a parabola: no older event is a kink of it
@@ -46,7 +46,7 @@ class ContactTally(NamedTuple):
     stored: jax.Array
     lost_now: jax.Array  # until t_m
     stored_now: jax.Array
-    powers: jax.Array  # sum of the powers ``SOFT`` of the peak forces of impacts that ended
+    soft_peak: jax.Array  # soft maximum of the peak forces of impacts that ended
     slid: jax.Array  # distance until t_m
     since_touch: jax.Array  # instants since an impact began
     since_end: jax.Array  # and since one ended
@@ -77,7 +77,7 @@ class ContactTally(NamedTuple):
             stored=self.stored + step.stored_after,
             lost_now=self.lost + step.lost,
             stored_now=self.stored + step.stored,
-            powers=self.powers + log.powers,
+            soft_peak=soft_larger(self.soft_peak, log.soft_peak),
             since_touch=jnp.where(touches, 0.0, later.since_touch),
             since_end=jnp.where(log.ended > 0, 0.0, later.since_end),
         )
@@ -155,9 +155,7 @@ class LinkTally(NamedTuple):
         if contact is None or end is None:
             return demand
         counts = (end.mode != APART) & (end.counts > 0)
-        powers = contact.powers + jnp.where(counts, end.peak_force**SOFT, 0.0)
         deformed = counts & is_deformed(end.mode)
-        hit = powers > 0
         return dataclasses.replace(
             demand,
             peak_contact=contact.highest,
@@ -166,5 +164,7 @@ class LinkTally(NamedTuple):
             n_impacts=contact.touches,
             first_impact_time=contact.first,
             contact_work=contact.lost,
-            soft_peak_contact=jnp.where(hit, jnp.where(hit, powers, 1.0) ** (1 / SOFT), 0.0),
+            soft_peak_contact=soft_larger(
+                contact.soft_peak, jnp.where(counts, end.peak_force, 0.0)
+            ),
         )

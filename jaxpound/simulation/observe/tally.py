@@ -186,11 +186,7 @@ class Tally(NamedTuple):
 
     @staticmethod
     def start(
-        constants: StepConstants,
-        system: System,
-        zero: jax.Array,
-        soft: bool,
-        state: RunState,
+        constants: StepConstants, system: System, zero: jax.Array, soft: bool, state: RunState
     ) -> Tally:
         """The tally of a run before the first instant, which has a state.
 

@@ -133,13 +133,13 @@ class ModalHistory:
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
-        tolerance = number("ModalHistory", "tolerance", self.tolerance)
+        tolerance = number("tolerance", self.tolerance)
         rules = [Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "in [1e-9, 1)")]
         if self.modes is not None:
             whole = isinstance(self.modes, int) and 1 <= self.modes <= _MOST_MODES
             text = f"a whole number from 1 to {_MOST_MODES}"
             rules.append(Rule("modes", self.modes, whole, text))
-        enforce("ModalHistory", rules)
+        enforce(rules)
 
     def n_modes(self, n_steps: int) -> int:
         """Number of exponentials used in a run of ``n_steps`` steps."""
@@ -269,7 +269,7 @@ def _modes_for(n_steps: int, tolerance: float) -> int:
     while not enough(modes):
         if modes == _MOST_MODES:
             rule = f"cannot be kept over n_steps = {n_steps} with {_MOST_MODES} modes"
-            raise InvalidInput("ModalHistory", "tolerance", str(tolerance), rule)
+            raise InvalidInput("tolerance", str(tolerance), rule)
         modes += 1
     while modes > 1 and enough(modes - 1):  # of a guess that was too many
         modes -= 1
