@@ -103,10 +103,10 @@ def renamed(
 
     A name is that in the error where ``names`` lacks it.
     """
-    whole = ": ".join(filter(None, (caller() if owner is None else owner, part)))
     try:
         yield
     except InvalidInput as error:
+        whole = ": ".join(filter(None, (caller() if owner is None else owner, part)))
         raise error.replaced(owner=whole, name=(names or {}).get(error.name, error.name)) from error
 
 
@@ -143,7 +143,9 @@ def warn(
     findings: list[str], strict: bool = False, category: type[Warning] = PlausibilityWarning
 ) -> None:
     """Warn of each finding, at the line that called the library; refuse them all if ``strict``."""
-    if strict and findings:
+    if not findings:
+        return
+    if strict:
         raise InvalidInput("", "", "; ".join(findings))
     level = 1 + len([*_calls()])
     prefix = f"{owner}: " if (owner := caller()) else ""

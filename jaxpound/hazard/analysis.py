@@ -133,10 +133,8 @@ class Analysis:
         """The measure in words, with its unit, and the intensity of each unscaled record."""
         if isinstance(self.measure, str):
             if self.measure != "pga":
-                rule = (
-                    "must be 'pga', a natural period (0.9 is Sa(0.9 s)) or a number for each record"
-                )
-                raise InvalidInput("measure", repr(self.measure), rule)
+                numbers = "a natural period (0.9 is Sa(0.9 s)) or a number for each record"
+                raise InvalidInput("measure", repr(self.measure), f"must be 'pga', {numbers}")
             return "PGA (g)", self.suite.pgas
         measure = array("measure", self.measure, (), (len(self.suite),))
         positive(measure=measure)
