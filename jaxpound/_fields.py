@@ -7,6 +7,7 @@ field of a result, its kind and its name in words. ``rules`` and ``walk`` read t
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator
 from types import NoneType
 from typing import Any, NamedTuple, TypeVar, cast, dataclass_transform
@@ -102,10 +103,11 @@ class Quantity(NamedTuple):
     """Metadata of a number in a result.
 
     ``words``, ``column`` and ``symbol`` name it in a sentence, in a table and in a figure; braces
-    stand for the number, from 1, of the mass, rod or link that it belongs to. Tables list lower
-    ranks first. A design may be limited in it, or pay for it, if ``limited``; Richardson's method
-    extrapolates ``smooth`` series. Elements may have it ``only`` if they are links with "contact",
-    rods that are a "storey" between two masses, or rods that may be "yielding".
+    stand for the number, from 1, of the mass, rod or link that it belongs to, a star for its
+    field's name, or in a symbol its column's in words. Tables list lower ranks first. A design may
+    be limited in it, or pay for it, if ``limited``; Richardson's method extrapolates ``smooth``
+    series. Elements may have it ``only`` if they are links with "contact", rods that are a "storey"
+    between two masses, or rods that may be "yielding".
     """
 
     kind: str | None
@@ -125,6 +127,12 @@ class Quantity(NamedTuple):
             return name.replace("{}", number) if "{}" in name else with_link
 
         return self._replace(words=numbered(self.words), symbol=numbered(self.symbol))
+
+    def in_field(self, name: str) -> Quantity:
+        """The same in the field of this name, without stars."""
+        column = self.column.replace("*", name)
+        symbol = self.symbol.replace("*", column.replace("_", " "))
+        return self._replace(column=column, symbol=symbol)
 
 
 def parameter(
@@ -319,13 +327,11 @@ def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, An
                     yield path + name, spec, entry
 
 
+@functools.cache
 def quantities(cls: type) -> dict[str, Quantity]:
     """The quantities of a class of results, by field."""
-    return {
-        field.name: field.metadata[_SPEC]
-        for field in dataclasses.fields(cls)
-        if isinstance(field.metadata.get(_SPEC), Quantity)
-    }
+    specs = {field.name: field.metadata.get(_SPEC) for field in dataclasses.fields(cls)}
+    return {name: spec.in_field(name) for name, spec in specs.items() if isinstance(spec, Quantity)}
 
 
 def converted(tree: Any, convert: Callable[[Quantity, Any], Any]) -> Any:
