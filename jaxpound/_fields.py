@@ -136,17 +136,11 @@ class Quantity(NamedTuple):
 
 
 def parameter(
-    symbol: str = "",
-    kind: str | None = None,
-    words: str = "",
-    *,
-    each: bool = False,
-    default: Any = dataclasses.MISSING,
-    **rules: Any,
+    *names: Any, each: bool = False, default: Any = dataclasses.MISSING, **rules: Any
 ) -> Any:
     """A field that is a ``Parameter``, traced and differentiated; ``each``: a tuple of them."""
-    spec = Parameter(symbol, kind, words, **rules)
-    return dataclasses.field(metadata={_SPEC: spec, "each": each}, default=default)
+    metadata = {_SPEC: Parameter(*names, **rules), "each": each}
+    return dataclasses.field(metadata=metadata, default=default)
 
 
 def like(cls: type, name: str, within: Range | None = None, **kwargs: Any) -> Any:
@@ -157,18 +151,9 @@ def like(cls: type, name: str, within: Range | None = None, **kwargs: Any) -> An
     return dataclasses.field(metadata=metadata, **kwargs)
 
 
-def quantity(
-    kind: str | None,
-    words: str = "",
-    column: str = "",
-    symbol: str = "",
-    *,
-    default: Any = dataclasses.MISSING,
-    **more: Any,
-) -> Any:
-    """A field that is a number or series of a result; as ``Quantity`` (kind None: a number)."""
-    spec = Quantity(kind, words, column, symbol, **more)
-    return dataclasses.field(metadata={_SPEC: spec}, default=default)
+def quantity(*names: Any, default: Any = dataclasses.MISSING, **more: Any) -> Any:
+    """A field that is a number or series of a result: a ``Quantity`` (of kind None, a number)."""
+    return dataclasses.field(metadata={_SPEC: Quantity(*names, **more)}, default=default)
 
 
 def part(*kinds: type, each: bool = False, traced: bool = False, **kwargs: Any) -> Any:
