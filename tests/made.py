@@ -23,9 +23,11 @@ OF_CONTACT += ("contact_work", "soft_peak_contact")
 
 def pair_demand(value, soft=None, contact=False):
     """The scalars of a pair, all of one value; with ``contact`` those of a law of contact too."""
-    more = {} if soft is None else {"soft_min_gap": soft}
-    more |= dict.fromkeys(OF_CONTACT, value) if contact else {}
-    return jp.Demand.of_columns(dict.fromkeys(SCALARS, value) | more, si=False)
+    of_contact = dict.fromkeys(OF_CONTACT, value) if contact else {}
+    link = LinkDemand(*[value] * 5, soft_min_gap=soft, **of_contact)
+    return jp.Demand(
+        (MassDemand(value, value),) * 2, (RodDemand(value),) * 2, (link,), value, value
+    )
 
 
 def pair_response(time, series, masses=(1.0, 1.0), demand=None, slip_force=0.0):

@@ -82,29 +82,6 @@ class Demand(ByElement, Columnar, Shown):
     topology: Topology | None = static(default=None)
     """Masses, rods and links of the run, by which tables name places."""
 
-    @classmethod
-    def of_columns(cls, columns: Mapping[str, Any], *, si: bool) -> Demand:
-        """The inverse of ``scalars``: a demand from columns by flat name; others are ignored."""
-        by_group: dict[str, dict[int, dict[str, Any]]] = {group: {} for group in cls._elements}
-        fields: dict[str, Any] = {}
-        several = "min_gap_1" in columns
-        for name, value in columns.items():
-            if (place := place_of(cls, name)) is None:
-                continue
-            if not place.group:
-                fields[place.field] = value
-            elif not (several and name == place.quantity.column):  # of all links
-                by_group[place.group].setdefault(place.element, {})[place.field] = value
-        try:
-            groups: dict[str, Any] = {
-                group: tuple(kind(**by_group[group][i]) for i in sorted(by_group[group]))
-                for group, kind in cls._elements.items()
-            }
-            return cls(**groups, **fields, si=si)
-        except TypeError as error:
-            rule = f"must be complete: {error}"
-            raise InvalidInput("columns", "", rule) from error
-
     def only(self, names: Iterable[str]) -> Demand:
         """The scalars with these flat names, a ``ValueError`` if it has none; all others are None.
 
