@@ -110,16 +110,11 @@ class Scales:
         rod = vars(before_yield(material))
         return Building(mass, stiffness, **rod, hysteresis=hysteresis_of(material))
 
-    def contact_to_dimensionless(self, law: Law) -> Law:
-        """A contact law in SI units as one of the dimensionless system; None stays None.
+    def contact_to_si(self, law: Law) -> Law:
+        """A dimensionless contact law as one in SI units; None stays None.
 
         Raises ``ValueError`` for a law of one's own, whose numbers have no known dimensions:
-        ``units`` has what to divide them by.
-        """
-        return law_in_other_units("law", law, self, operator.truediv)
-
-    def contact_to_si(self, law: Law) -> Law:
-        """The inverse of ``contact_to_dimensionless``, with its ``ValueError``.
+        ``units`` has what to multiply them by.
 
         Examples
         --------
