@@ -13,7 +13,7 @@ import numpy as np
 from jax.scipy.special import ndtr, ndtri
 from jaxtyping import Array, Float
 
-from jaxpound._checks import count, instance, require_memory
+from jaxpound._checks import instance, require_memory
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, Parameter, parameter, part, walk
 from jaxpound.ground.motion import DIMENSIONLESS, time_unit_of
@@ -63,7 +63,7 @@ class RandomRicker(Checked, GroundDraw):
     (15, ())
     """
 
-    wavelets: int
+    wavelets: int = parameter(whole=True)
     amplitude: Distribution = part(Distribution)
     periods: Distribution = part(Distribution)
     arrivals: Distribution = part(Distribution)
@@ -71,12 +71,11 @@ class RandomRicker(Checked, GroundDraw):
     intensity: Distribution | None = part(Distribution, NoneType, default=None)
 
     def __post_init__(self) -> None:
-        n = count("wavelets", self.wavelets)
-        require_memory("wavelets", n, 4 * n * NUMBER_BYTES)
         if self.negative is None:
             two_sided = isinstance(self.amplitude, TwoSided)
             object.__setattr__(self, "negative", 0.0 if two_sided else 0.5)
         super().__post_init__()
+        require_memory("wavelets", self.wavelets, 4 * self.wavelets * NUMBER_BYTES)
         require_inside("periods", self.periods, SMALLEST, math.inf)
 
     @property

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound import _checks
-from jaxpound._checks import Rule, enforce
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, parameter, part
 from jaxpound.ground.evolving import evolving_noise, high_passed, modulation
@@ -29,11 +28,8 @@ class NoiseDraw(Checked, GroundDraw):
     samples: int
 
     def __post_init__(self) -> None:
-        n = _checks.count("samples", self.samples)
-        enforce([Rule("samples", n, n >= 2, "at least 2")])
-        _checks.require_memory("samples", n, n * NUMBER_BYTES)
-        object.__setattr__(self, "samples", n)
         super().__post_init__()
+        _checks.require_memory("samples", self.samples, self.samples * NUMBER_BYTES)
 
     @property
     def dimension(self) -> int:
@@ -112,7 +108,7 @@ class FilteredNoise(NoiseDraw):
     """
 
     filter: Filter = part(Filter)
-    samples: int = part(int)
+    samples: int = parameter(whole=True, least=2)
     dt: float = parameter(above=0, single=True)
     envelope: Callable[[Any], Any] | None = None
     intensity: Any = 1.0
@@ -198,7 +194,7 @@ class NonstationaryNoise(NoiseDraw):
     frequency: Any = parameter(r"\omega_{mid}", words="frequency", above=0, single=True)
     frequency_slope: Any = parameter(r"\omega'", words="rate of frequency", single=True)
     damping: Any = parameter(r"\zeta_f", words="damping ratio", above=0, below=1, single=True)
-    samples: int = part(int)
+    samples: int = parameter(whole=True, least=2)
     dt: float = parameter(above=0, single=True)
     high_pass: float | None = parameter(above=0, single=True, optional=True, default=0.1)
     time_unit = SECONDS

@@ -96,7 +96,7 @@ class SiteBasedNoise(NoiseDraw):
     distance: Any = parameter("R", words="distance", above=0, single=True)
     vs30: Any = parameter("V_{S30}", words="velocity of shear waves", above=0, single=True)
     fault: str = part(str)
-    samples: int = part(int)
+    samples: int = parameter(whole=True, least=2)
     dt: float = parameter(above=0, single=True)
     high_pass: float | None = like(NonstationaryNoise, "high_pass", default=0.1)
     time_unit = SECONDS

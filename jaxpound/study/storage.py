@@ -9,10 +9,11 @@ import os
 from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
-from jaxpound._checks import count, instance
 from jaxpound._errors import InvalidInput
+from jaxpound._fields import Checked, parameter, part
 from jaxpound.store.store import MANIFEST, Store
 
 Measure = Callable[[Any, Any], Any]  # a user-defined column, of structures and ground motion
@@ -21,7 +22,7 @@ _SMALLEST, _LARGEST, _CHUNKS = 32, 16_384, 8  # samples of a chunk, and chunks a
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Storage:
+class Storage(Checked):
     """What a study keeps of each earthquake, and where; ``monte_carlo(store=…)`` takes it.
 
     Raises ``ValueError`` if an argument breaks its rule.
@@ -59,19 +60,16 @@ class Storage:
     ('sa', 'amplitude_1', 'period_1', 'arrival_1', 'sign_1')
     """
 
-    folder: str | PathLike[str] | None = None
-    chunk_size: int | None = None
-    measures: Mapping[str, Measure] = dataclasses.field(default_factory=dict)
+    folder: str | PathLike[str] | None = part(str, PathLike, NoneType, default=None)
+    chunk_size: int | None = parameter(whole=True, optional=True, default=None)
+    measures: Mapping[str, Measure] = part(Mapping, default_factory=dict)
     keep_parameters: bool = False
     keep_failures: bool = False
     notes: Any = None
     shard: tuple[int, int] = (1, 1)
 
     def __post_init__(self) -> None:
-        instance("folder", self.folder, str, PathLike, type(None))
-        if self.chunk_size is not None:
-            object.__setattr__(self, "chunk_size", count("chunk_size", self.chunk_size))
-        instance("measures", self.measures, Mapping)
+        super().__post_init__()
         object.__setattr__(self, "measures", dict(self.measures))
         for name, measure in self.measures.items():
             if not callable(measure):
