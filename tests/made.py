@@ -59,6 +59,20 @@ def changed(result, **values):
     return result
 
 
+def in_si(structures, scales):
+    """The paper's two structures as buildings with a link, by eq. (8)."""
+    both = []
+    for rod, mass, k in (
+        (structures.rod_1, 1.0, 1.0),
+        (structures.rod_2, 1 / structures.mass_ratio, structures.stiffness_ratio),
+    ):
+        tau_f, tau_x = (tau / scales.frequency**rod.order for tau in (rod.tau_f, rod.tau_x))
+        stiffness = k * scales.mass * scales.frequency**2
+        both.append(jp.Building(mass * scales.mass, stiffness, rod.order, tau_f, tau_x))
+    friction, gap = structures.friction * scales.force, structures.initial_gap * scales.length
+    return jp.Buildings(tuple(both), (jp.FloorLink(0, 0, friction=friction, gap=gap),))
+
+
 STEEL = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), stiffness=5.0)
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
-from tests.made import log_uniform
+from tests.made import in_si, log_uniform
 from tests.model.test_system import KnownCushion
 from tests.refusals import refusals, refused
 
@@ -86,15 +86,17 @@ def test_buildings_survive_the_round_trip_with_their_periods(first, second, forc
     ratios = mass_1 / mass_2, rod_2.stiffness / rod_1.stiffness
     between = *ratios, link.friction, link.gap
     structures = jp.AdjacentStructures(rod_1.material, rod_2.material, *between)
-    *back, same_force, same_gap = scales.buildings(structures)
+    pair = in_si(structures, scales)
     vibrations = zip(structures.natural_frequencies, structures.damping_ratios, strict=True)
-    for before, after, (omega, zeta) in zip((first, second), back, vibrations, strict=True):
+    for before, after, (omega, zeta) in zip(
+        (first, second), pair.buildings, vibrations, strict=True
+    ):
         numbers = map(jax.tree.leaves, (after, before))
         assert next(numbers) == pytest.approx(next(numbers), rel=1e-12)
         period = 2 * np.pi / (float(omega) * scales.frequency)
         assert before.natural_period == pytest.approx(period, rel=1e-9)
         assert before.damping_ratio == pytest.approx(float(zeta), rel=1e-6, abs=1e-12)
-    assert (same_force, same_gap) == pytest.approx((force, gap), rel=1e-12)
+    assert (pair.links[0].friction, pair.links[0].gap) == pytest.approx((force, gap), rel=1e-12)
 
 
 LAWS = [jp.Newton(0.65), jp.KelvinVoigt(1.6e9, 0.65, tension=True), jp.Hertz(3e9)]
@@ -392,6 +394,5 @@ def test_scales_refuse_bad_values_and_conversions_name_the_type_they_take():
         refused(f"Scales: {name} = ", jp.Scales, **(values | {name: bad}))
     types = {"to_si": "result = .* must be of type Response or Demand"}
     types |= {"to_dimensionless": "record = .* must be of type Record"}
-    types |= {"buildings": "structures = .* must be of type AdjacentStructures"}
     for method, bad in itertools.product(types, (None, 3.0, np.ones(3), BUILDING_1)):
         refused(f"Scales.{method}: {types[method]}", getattr(jp.Scales(1e5, 4.0), method), bad)
