@@ -14,7 +14,7 @@ from jaxpound.cli.buildings import BuildingsLayout
 from jaxpound.cli.files import csv_text, json_safe, table_of
 from jaxpound.model.places import link_places
 from jaxpound.quantities import column
-from jaxpound.results.element_demands import RodDemand
+from jaxpound.results.demand import RodDemand
 from jaxpound.results.impacts import ImpactSeries
 
 
