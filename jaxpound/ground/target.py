@@ -131,9 +131,8 @@ class TargetSpectrum(Shown):
             shapes = f"periods {periods.shape} and accelerations {accelerations.shape}"
             raise InvalidInput(shapes, "", "must be of one shape, (m,) with m ≥ 2")
         enforce([Rule("periods", periods, np.diff(periods, prepend=-1.0) > 0, "rising")])
-        object.__setattr__(self, "periods", periods)
-        object.__setattr__(self, "accelerations", accelerations)
-        object.__setattr__(self, "damping", float(self.damping))
+        numbers = {"periods": periods, "accelerations": accelerations}
+        vars(self).update(numbers, damping=float(self.damping))
 
     @classmethod
     def en_1998(
