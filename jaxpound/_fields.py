@@ -22,6 +22,7 @@ from jaxpound._tables import dataclass_repr
 T = TypeVar("T")
 
 _ROLE, _SPEC = "jaxpound_role", "jaxpound_spec"
+_cached = cast("Callable[[T], T]", functools.cache)  # whose own type refuses classes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -312,7 +313,7 @@ def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, An
                     yield path + name, spec, entry
 
 
-@functools.cache
+@_cached
 def quantities(cls: type) -> dict[str, Quantity]:
     """The quantities of a class of results, by field."""
     specs = {field.name: field.metadata.get(_SPEC) for field in dataclasses.fields(cls)}

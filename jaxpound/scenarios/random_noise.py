@@ -27,9 +27,15 @@ from jaxpound import _checks
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import Checked, like, parameter, part
-from jaxpound.ground.evolving import ChebyshevFit, evolving_noise, high_passed, modulation
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, time_unit_of
-from jaxpound.ground.noise import Filter, filtered
+from jaxpound.ground.noise import (
+    ChebyshevFit,
+    Filter,
+    evolving_noise,
+    filtered,
+    high_passed,
+    modulation,
+)
 from jaxpound.ground.record import Record, derived
 from jaxpound.scenarios.distributions import Distribution
 from jaxpound.scenarios.ground_draw import GroundDraw

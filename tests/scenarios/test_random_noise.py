@@ -11,8 +11,8 @@ from scipy import stats
 
 import jaxpound as jp
 from jaxpound.scenarios.ground_draw import ScaledDraw, SumOfDraws
-from jaxpound.scenarios.scenarios import discrete_coordinates, parameter_names
 from jaxpound.scenarios.random_noise import CORRELATIONS, REGRESSIONS, _distributions
+from jaxpound.scenarios.scenarios import discrete_coordinates, parameter_names
 from tests.refusals import refusals, refused
 
 PAPER = jp.paper.structures()
