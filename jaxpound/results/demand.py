@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial, reduce
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -262,11 +261,6 @@ class Demand(ByElement, Columnar, Shown):
         each = [rod.collapsed for rod in self.rods if rod.collapsed is not None]
         return reduce(larger, each) if each else None
 
-    @property
-    def batch(self) -> tuple[int, ...]:
-        """Shape of the batch; () for a single run."""
-        return np.shape(next(iter(jax.tree.leaves(self)), 0.0))
-
     def scalars(self) -> dict[str, Any]:
         """All scalars by flat name, with ``pounds``: a row of a table, or the columns of a batch.
 
@@ -288,10 +282,6 @@ class Demand(ByElement, Columnar, Shown):
             for name, value in self.scalars().items()
         }
         return elements.run_numbers(batch or (1,)), values
-
-    def __getitem__(self, index: Any) -> Demand:
-        """Runs of a batch by number, slice or mask, as an array is indexed."""
-        return elements.chosen(self, index, self.batch)
 
     def _tables(self) -> list[TextTable]:
         return [self._table("Demand", [])]
