@@ -27,7 +27,7 @@ from jaxpound.cli.reading import (
 )
 from jaxpound.model.plausibility import FRICTION, GAP
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
-from jaxpound.scenarios.ground_draw import GroundDraw
+from jaxpound.scenarios.random_ground import GroundDraw
 from jaxpound.simulation.time_steps import DURATION
 
 Gap = Annotated[float, between(*GAP)]

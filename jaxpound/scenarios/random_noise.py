@@ -38,7 +38,7 @@ from jaxpound.ground.noise import (
 )
 from jaxpound.ground.record import Record, derived
 from jaxpound.scenarios.distributions import Distribution
-from jaxpound.scenarios.ground_draw import GroundDraw
+from jaxpound.scenarios.random_ground import GroundDraw
 from jaxpound.scenarios.scenarios import NUMBER_BYTES
 
 

@@ -322,8 +322,7 @@ def identity(
     It is JSON: ``search`` the kind of analysis, in words; ``program`` a ``program_digest``;
     ``inputs`` all else by name.
     """
-    return {
-        "search": search,
+    return ({"search": search} if search else {}) | {
         "versions": {"jaxpound": __version__, "jax": jax.__version__},
         "precision": str(jnp.zeros(()).dtype),
         "columns": list(columns),
