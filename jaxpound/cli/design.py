@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -35,10 +36,10 @@ class ObjectiveTable(OfClass):
     """The goal: a function of the smallest gaps, or a demand that is to be least."""
 
     CLASSES: ClassVar = {
-        "mean gap": jp.MeanGap,
-        "worst gap": jp.design.WorstGap,
+        "mean gap": partial(jp.SmallestGap, "mean"),
+        "worst gap": partial(jp.SmallestGap, "worst"),
         "soft minimum": jp.design.SoftMinimum,
-        "CVaR": jp.design.CVaR,
+        "CVaR": lambda share=0.1: jp.SmallestGap(share),
         "pounding probability": jp.PoundingProbability,
         "gap at rest": jp.design.GapAtRest,
         "least demand": jp.design.LeastDemand,

@@ -128,7 +128,7 @@ class LifetimeRisk(NamedTuple):
     @property
     def deaggregation(self) -> jp.hazard.Deaggregation:
         """The rate by bands of intensity."""
-        return self.rate.deaggregation(bands=self.results.bands, intensity=self.column)
+        return self.rate.deaggregation(self.results.bands, intensity=self.column)
 
 
 def run(args: argparse.Namespace) -> None:

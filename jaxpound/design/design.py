@@ -76,7 +76,7 @@ class Comparison(Shown):
     def objective(self) -> dict[str, Estimate]:
         """Objective before, after, and after less before, with bootstrap intervals.
 
-        They are not reliable for a goal that one earthquake decides (``WorstGap``).
+        They are not reliable for a goal that one earthquake decides (``SmallestGap("worst")``).
         """
         from scipy import stats  # only here: it takes a second to import
 

@@ -29,21 +29,31 @@ class Goal(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
-class MeanGap:
-    """Mean of the smallest gaps."""
+class SmallestGap:
+    """A statistic of the smallest gaps.
+
+    Parameters
+    ----------
+    over
+        Over the earthquakes: "mean", "worst" (the smallest gap of all), or a share between 0 and 1
+        for the mean of the worst: 0.1 for that of the smallest tenth, the conditional value at risk
+        (Rockafellar and Uryasev 2000).
+
+    Examples
+    --------
+    >>> gaps = np.array([0.1, 0.4, 0.2, 0.3])
+    >>> round(float(jp.SmallestGap(over=0.5)(gaps, np.ones(4))), 6)  # mean of the smaller half
+    0.15
+    """
+
+    over: str | float = "mean"
+
+    def __post_init__(self) -> None:
+        require_over(self.over)
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
-        """Their mean."""
-        return jnp.mean(gaps)
-
-
-@dataclasses.dataclass(frozen=True)
-class WorstGap:
-    """Smallest gap of all earthquakes."""
-
-    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
-        """The smallest."""
-        return gaps[jnp.argmin(gaps)]
+        """The statistic."""
+        return -gathered(-gaps, self.over)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,29 +81,6 @@ class SoftMinimum(Checked):
         """Their soft minimum."""
         t = self.temperature
         return -t * (logsumexp(-gaps / t) - jnp.log(gaps.size))
-
-
-@dataclasses.dataclass(frozen=True)
-class CVaR(Checked):
-    """Conditional value at risk (Rockafellar and Uryasev 2000): mean of the worst share of gaps.
-
-    Parameters
-    ----------
-    share
-        Between 0 and 1: 0.1 for the mean of the smallest tenth.
-
-    Examples
-    --------
-    >>> gaps = np.array([0.1, 0.4, 0.2, 0.3])
-    >>> round(float(jp.design.CVaR(0.5)(gaps, np.ones(4))), 6)  # mean of the smaller half
-    0.15
-    """
-
-    share: float = parameter(above=0, below=1, single=True, default=0.1)
-
-    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
-        """The mean of the smallest."""
-        return -tail_mean(-gaps, self.share)
 
 
 @dataclasses.dataclass(frozen=True)

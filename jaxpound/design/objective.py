@@ -13,7 +13,7 @@ import numpy as np
 from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import Checked, parameter
-from jaxpound.design.goals import Goal, LeastDemand, MeanGap, gathered, require_over
+from jaxpound.design.goals import Goal, LeastDemand, SmallestGap, gathered, require_over
 from jaxpound.results.named import REQUIRED_GAP, require_limited
 
 
@@ -28,7 +28,7 @@ class Limit(Checked):
         gap with a probability, which is then that of pounding: that any link closes its own gap.
     over
         Statistic over the earthquakes: "worst", "mean", or a share between 0 and 1 for the mean of
-        the worst (``CVaR``). Not with a probability.
+        the worst. Not with a probability.
     probability
         Largest probability, between 0 and 1, with which the demand reaches ``at_most`` in a random
         earthquake, however rare: it is found by ``rare_event``, not from the ensemble.
@@ -131,8 +131,8 @@ class Objective:
     Parameters
     ----------
     goal
-        ``MeanGap``, ``WorstGap``, ``SoftMinimum``, ``CVaR``, ``PoundingProbability``,
-        ``GapAtRest``, any traceable function of gaps and initial gaps, or ``LeastDemand``.
+        ``SmallestGap``, ``SoftMinimum``, ``PoundingProbability``, ``GapAtRest``, any traceable
+        function of gaps and initial gaps, or ``LeastDemand``.
     penalties
         By penalised demand: ``{"peak_f1": Penalty(0.5)}``; a number is the weight of the mean.
     limits
@@ -156,14 +156,14 @@ class Objective:
 
     Examples
     --------
-    >>> objective = jp.Objective(jp.design.CVaR(0.1), {"peak_f1": 0.6}, {"damper_force": 0.3})
+    >>> objective = jp.Objective(jp.SmallestGap(0.1), {"peak_f1": 0.6}, {"damper_force": 0.3})
     >>> objective.penalties
     {'peak_f1': Penalty(weight=0.6, over='mean')}
     >>> objective.limits
     {'damper_force': Limit(at_most=0.3, over='worst', probability=None)}
     """
 
-    goal: Goal | LeastDemand = MeanGap()
+    goal: Goal | LeastDemand = SmallestGap()
     penalties: Mapping[str, Penalty] = dataclasses.field(default_factory=dict)
     limits: Mapping[str, Limit] = dataclasses.field(default_factory=dict)
 

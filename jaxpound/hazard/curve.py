@@ -16,7 +16,7 @@ from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure, units_like
 from jaxpound.hazard.annual_rate import AnnualRate, FragilityRate, gap_of_rate, of_event, of_study
-from jaxpound.hazard.points import CurvePoints, HazardIntensity, HazardWeights, rate_of, read_hazard
+from jaxpound.hazard.points import CurvePoints, HazardIntensity, rate_of, read_hazard
 from jaxpound.quantities import DIMENSIONLESS
 from jaxpound.reliability.result import RareEvent
 from jaxpound.scenarios.distributions import Distribution, density
@@ -156,16 +156,15 @@ class HazardCurve(Shown):
             Or the probability of pounding in an earthquake that exceeds the lowest intensity of the
             curve, which is multiplied by that intensity's rate; weaker earthquakes are left out.
             It is that of a study or a ``RareEvent`` whose intensities are drawn by ``distribution``
-            of this curve, or of one that differs in a factor only, of a study with ``weights`` of
-            this curve, or of an estimate, such as ``pounding_probability`` of such a study: it is
-            taken for one of pounding.
+            of this curve, or of one that differs in a factor only, or of an estimate, such as
+            ``pounding_probability`` of such a study: it is taken for one of pounding.
         confidence
             Confidence level of the interval; an estimate alone keeps its own.
         gap, link
             Of a study: see ``Study.pounding_probability``.
         drawn
             True if a user-defined function draws the intensities of a study or a ``RareEvent`` so
-            that they follow this curve, which cannot be checked.
+            that they follow this curve, or a study has its ``weights``, which cannot be checked.
         """
         require_share("confidence", confidence)
         instance("pounding", pounding, Fragility, Estimate, Study, RareEvent)
@@ -214,11 +213,10 @@ class HazardCurve(Shown):
     def weights(self, intensity: ArrayLike, drawn_from: Distribution | None = None) -> np.ndarray:
         """Weights for ``Study.weighted`` that give intensities the frequencies of the hazard.
 
-        The weights, shape (n,), are read-only; arrays that are computed from them, and changed
-        copies, do not count as weights of this curve. The probabilities of the weighted study are
-        those of an earthquake that exceeds the curve's lowest intensity, as ``annual_rate_of``
-        takes them. Raises ``ValueError`` if an intensity is not positive, or cannot be drawn from
-        drawn_from; there are fewer than two stripes, or drawn_from is no distribution.
+        The probabilities of the weighted study are those of an earthquake that exceeds the curve's
+        lowest intensity, as ``annual_rate_of`` takes them with ``drawn=True``. Raises
+        ``ValueError`` if an intensity is not positive, or cannot be drawn from drawn_from; there
+        are fewer than two stripes, or drawn_from is no distribution.
 
         Parameters
         ----------
@@ -247,7 +245,7 @@ class HazardCurve(Shown):
             inner = np.maximum(np.sqrt(stripes[1:] * stripes[:-1]), self.intensity[0])
             exceeded = np.r_[self.annual_rate[0], self.rate(inner), 0.0]
             weights[finished] = (-np.diff(exceeded) / exceeded[0] * im.size / size)[stripe]
-        return HazardWeights.of(weights, self._points)
+        return weights
 
     def required_gap(
         self,
@@ -341,13 +339,12 @@ def _require_drawn(curve: CurvePoints, source: Study | RareEvent, instead: str) 
 
 
 def is_drawn(curve: tuple[np.ndarray, np.ndarray], source: Study | RareEvent) -> bool:
-    """Whether a study's weights, or else the scenarios, have this curve, up to a factor."""
+    """Whether the scenarios have this curve, up to a factor, and there are no other weights."""
     if isinstance(source, RareEvent):
         curves = _drawing(describe(source.limit_state.scenarios))
-    elif source.weighting is None:
-        curves = _drawing(source.about["identity"]["scenarios"])
     else:
-        curves = iter([source.weighting.curve])  # None, of shape (), for weights of no curve
+        weighted = source.weighting is not None
+        curves = _drawing(None if weighted else source.about["identity"]["scenarios"])
     ratios = (np.log(curve) - np.log(x) for x in curves if np.shape(x) == np.shape(curve))
     return any((np.ptp(ratio, axis=1) < _SAME).all() for ratio in ratios)
 

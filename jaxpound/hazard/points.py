@@ -165,25 +165,6 @@ class HazardIntensity:
         return jnp.where(inside, -ndtri(jnp.where(inside, stronger, 0.5)), -jnp.inf)
 
 
-class HazardWeights(np.ndarray):
-    """Read-only weights by ``HazardCurve.weights``, with its points, which computed arrays lack."""
-
-    curve: CurvePoints | None = None
-
-    @staticmethod
-    def of(weights: np.ndarray, curve: CurvePoints) -> HazardWeights:
-        """Weights by the points of a curve."""
-        result = weights.view(HazardWeights)
-        result.curve = curve
-        result.flags.writeable = False  # a change in place would keep the curve
-        return result
-
-    def __array_wrap__(self, array: Any, *context: Any) -> Any:
-        """A result of NumPy: a sum is a plain number."""
-        result = super().__array_wrap__(array, *context)
-        return result[()] if result.ndim == 0 else result
-
-
 def rate_of(probability: float, years: float) -> float:
     """Annual rate of an event of this probability within years: −ln(1 − p) / years."""
     _checks.require_share("probability", probability)

@@ -23,8 +23,7 @@ from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, paths, replaced, require_paths
 from jaxpound.model.system import Structures, without_contact
-from jaxpound.reliability.instants import OBSERVERS, Series, is_by_impacts, measured, series_of
-from jaxpound.reliability.observers import observed_at
+from jaxpound.reliability.instants import Series, is_by_impacts, measured, observed_at, series_of
 from jaxpound.results import named
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
@@ -216,7 +215,7 @@ class LimitState:
         passing = self.searches_overlaps or self.demand == REQUIRED_GAP
         structures, ground = self.realized(z, changes, passing=passing)
         kind = self.series[0].kind
-        observed = observed_at(OBSERVERS[kind], structures, ground, self.grid, self.scheme, instant)
+        observed = observed_at(kind, structures, ground, self.grid, self.scheme, instant)
         return measured(kind, row, observed, structures.system())
 
 

@@ -39,8 +39,8 @@ def test_the_example_and_goals_in_words_of_the_library(write):
     assert (search.starts, search.iterations, search.key, search.batch) == (4, 100, 0, None)
     least = '"least demand" & demand = "peak_x1" & # over -> over = 0.1'
     for changes, goal in (
-        ('"worst gap"', jp.design.WorstGap()),
-        ('"CVaR" & share = 0.2', jp.design.CVaR(0.2)),
+        ('"worst gap"', jp.SmallestGap("worst")),
+        ('"CVaR" & share = 0.2', jp.SmallestGap(0.2)),
         ('"soft minimum" & temperature = 0.02', jp.design.SoftMinimum(0.02)),
         ('"pounding probability"', jp.PoundingProbability()),
         (least, jp.design.LeastDemand("peak_x1", 0.1)),

@@ -96,7 +96,7 @@ def test_the_optimum_of_a_bowl(stand_in):
 
 PEAK = {"friction": 0.6, "mass_ratio": 1.5}
 
-WORST = jp.Objective(jp.design.WorstGap())
+WORST = jp.Objective(jp.SmallestGap("worst"))
 OPTIMA = {
     "line searches": (MEAN, {"optimiser": optax.lbfgs(), "iterations": 12}, PEAK, 1e-6),
     "a penalty": (jp.Objective(penalties={"damper_force": 0.2}), {}, {"friction": 0.5}, 1e-3),

@@ -167,7 +167,7 @@ def test_a_rate_says_whose_it_is_and_tells_its_bounds_and_estimates_are_scaled()
     assert rate.value == RATE.value
     assert "Mean annual rate of largest ductility ≥ 4" in repr(rate)
     assert "Rate of largest ductility ≥ 4 by intensity" in repr(rate.deaggregation())
-    labels = hazards.deaggregation(rate).get_legend().get_texts()
+    labels = hazards.pounding(CURVE, rate).axes[1].get_legend().get_texts()
     assert any(label.get_text().startswith("largest ductility ≥ 4, ") for label in labels)
     # A fragility of low intensities: nearly every earthquake beyond the curve's end pounds.
     sure = repr(rate_at(0.3, 0.05))
@@ -326,10 +326,10 @@ test_bad_values_are_named = refusals(
         lambda: CURVE.annual_rate_of(jp.study.Estimate(0.1, 0.0, 0.2)).deaggregation(),
         "not of an est",
     ),
-    (lambda: rate_at(1, 1).deaggregation([2, 1]), "edges = 1 .* larger"),
+    (lambda: rate_at(1, 1).deaggregation([2, 1]), "bands = 1 .* larger"),
     (lambda: RATE.deaggregation(intensity="pga"), "intensity must be None: a fragility has its"),
     (lambda: rate_at(1e300, 0.1).deaggregation(), "the rate, 0 a year, must be positive"),
-    (lambda: rate_at(1, 1).deaggregation([2]), "number of edges = 1 must be 2 or more"),
+    (lambda: rate_at(1, 1).deaggregation([2]), "bands: number of edges = 1 must be 2 or more"),
 )
 
 
