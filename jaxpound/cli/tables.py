@@ -14,18 +14,9 @@ import numpy as np
 from msgspec import Meta
 
 import jaxpound as jp
+from jaxpound._checks import Range
 from jaxpound.cli import reading
-from jaxpound.cli.reading import (
-    Count,
-    Form,
-    Range,
-    Section,
-    between,
-    named,
-    of_field,
-    refused,
-    says,
-)
+from jaxpound.cli.reading import Count, Form, Section, between, named, of_field, refused, says
 from jaxpound.model.plausibility import FRICTION, GAP
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
 from jaxpound.scenarios.ground_draw import GroundDraw

@@ -24,15 +24,8 @@ from jaxpound.ground.run_input import all_in_g, require_time_unit
 from jaxpound.model.contact import Newton
 from jaxpound.model.system import Link, common_gap, gravity_of, in_si, is_closable
 from jaxpound.reliability.result import RareEvent
+from jaxpound.results import named
 from jaxpound.results.elements import of_link
-from jaxpound.results.named import (
-    inertances,
-    is_zero_by_newton,
-    limitable_demands,
-    limited_values,
-    quantity_named,
-    viscous_forces,
-)
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
 
@@ -110,8 +103,8 @@ class DesignProblem:
         """An ``InvalidInput`` for an objective that is not one of these structures."""
         objective, goal = self.objective, self.objective.goal
         of_goal = [goal.demand] if isinstance(goal, LeastDemand) else []
-        named: dict[str, Any] = {"penalties": objective.penalties, "limits": objective.limits}
-        for place, names in {**named, "goal": of_goal}.items():
+        places: Any = {"penalties": objective.penalties, "limits": objective.limits}
+        for place, names in {**places, "goal": of_goal}.items():
             for name in names:
                 if rule := self._refusal(name):
                     raise InvalidInput(f"{name!r} in {place}", "", rule)
@@ -135,10 +128,10 @@ class DesignProblem:
         """The rule that a demand breaks which the structures do not have; empty if they have it."""
         laws = {type(link.contact) for link in self._links if link.contact is not None}
         if demand in {*self.limitable, *self.objective.rare}:
-            by_newton = laws == {Newton} and is_zero_by_newton(demand)
+            by_newton = laws == {Newton} and named.is_zero_by_newton(demand)
             instead = "peak_impulse is what they have"
             return f"must not be by Newton's law, whose impacts have none; {instead}" * by_newton
-        if getattr(quantity_named(demand), "only", "") == "contact" and not laws:
+        if getattr(named.quantity_named(demand), "only", "") == "contact" and not laws:
             return "must be of structures with a contact law"
         return f"must be one of {', '.join(self.limitable)}"
 
@@ -164,7 +157,7 @@ class DesignProblem:
     @cached_property
     def limitable(self) -> tuple[str, ...]:
         """Names of the demands of the structures that may be limited or penalised."""
-        return limitable_demands(self.space.nominal.system())
+        return named.limitable_demands(self.space.nominal.system())
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
@@ -178,8 +171,8 @@ class DesignProblem:
         response, system = demand(structures, ground, self.grid, self.scheme), structures.system()
         gaps = [system.links[k].gap for k in self._closable]
         frictions = [link.friction for link in system.links]
-        amounts = frictions, viscous_forces(system), inertances(system)
-        columns = limited_values(system, response, *amounts)
+        amounts = frictions, named.viscous_forces(system), named.inertances(system)
+        columns = named.limited_values(system, response, *amounts)
         if gaps:
             columns |= {"initial_gap": sum(gaps) / len(gaps)}
         return {name: jnp.asarray(columns[name], response.min_gap.dtype) for name in self.columns}

@@ -12,7 +12,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, instance, number
 from jaxpound._errors import InvalidInput, renamed
@@ -136,17 +136,12 @@ class DesignSpace:
         """Number d of variables."""
         return len(self.variables)
 
-    def values(self, shares: Float[Array, " d"]) -> dict[str, Any]:
-        """The variables by path, from scaled variables between 0 and 1."""
+    def values(self, shares: ArrayLike) -> dict[str, Any]:
+        """The variables by path, (...) each, from scaled variables between 0 and 1, (..., d)."""
         values: dict[str, Any] = {}
-        for path, share in zip(self.names, shares, strict=True):
+        for path, share in zip(self.names, jnp.moveaxis(jnp.asarray(shares), -1, 0), strict=True):
             values[path] = self.variables[path].value(share, self._low(path, values))
         return values
-
-    def numbers(self, shares: np.ndarray) -> dict[str, np.ndarray]:
-        """``values`` of any number of designs: from shape (..., d) to numbers of shape (...)."""
-        values = self.values(jnp.moveaxis(jnp.asarray(shares), -1, 0))
-        return {path: np.asarray(x) for path, x in values.items()}
 
     def structures(
         self, shares: Float[Array, " d"], others: Mapping[str, Any] | None = None

@@ -94,10 +94,7 @@ class AnnualRate(Shown):
         return Estimate(value, low, high, self.confidence)
 
     def deaggregation(
-        self,
-        bands: int | ArrayLike = 20,
-        *,
-        intensity: str | ArrayLike | None = None,
+        self, bands: int | ArrayLike = 20, *, intensity: str | ArrayLike | None = None
     ) -> Deaggregation:
         """From which intensities the rate comes.
 

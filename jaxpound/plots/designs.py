@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import numpy as np
 from matplotlib.axes import Axes
 from scipy.interpolate import RegularGridInterpolator
@@ -77,7 +78,7 @@ def landscape(
         x, y, violation = _violation_with_the_design(design, drawn)
         ax.contourf(x_unit * x, y_unit * y, violation, beyond, colors=COLOURS["limit"], alpha=0.3)
         ax.fill_between([], [], [], label="limit exceeded", **shade("limit"))
-    path = design.space.numbers(design.history.shares[:, design.winner])
+    path = jax.device_get(design.space.values(design.history.shares[:, design.winner]))
     xs, ys = x_unit * path[drawn.x], y_unit * path[drawn.y]
     end = x_unit * design.values[drawn.x], y_unit * design.values[drawn.y]
     green = COLOURS["damper"]

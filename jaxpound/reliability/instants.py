@@ -6,7 +6,7 @@ design point; the largest number of all instants is not smooth.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Hashable, Iterable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from jaxpound.ground.run_input import as_run
 from jaxpound.model.ends import elongation, load_on
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import Structures, System, gravity_of, is_closable
-from jaxpound.model.topology import Topology, storey_rods
+from jaxpound.model.topology import storey_rods
 from jaxpound.results.demand import OF_CONTACTS, OF_FLOORS, Demand
 from jaxpound.results.elements import place_of
 from jaxpound.results.named import REQUIRED_GAP
@@ -33,13 +33,6 @@ from jaxpound.simulation.state import Instant
 _PERIOD = 2 * np.pi  # of structure 1, in 1/ω1
 _PER_PERIOD = 20
 _MOST = 256
-
-
-class Observer(NamedTuple):
-    """What is observed of structures at an instant."""
-
-    of: Callable[[StepConstants, Instant], tuple[Any, ...]]
-    size: Callable[[Topology], int]  # of the numbers
 
 
 def _positions(system: StepConstants, now: Instant) -> tuple[Any, ...]:
@@ -56,11 +49,11 @@ def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
     return tuple(load_on(number, ends, forces) / mass for number, mass in masses)
 
 
-_OBSERVERS = {  # of the numbers that series combine, by their kind
+_OBSERVERS: dict[str, Any] = {  # of the numbers that series combine, and how many there are
     # Displacement of each mass, and the closing of each link: its gap at rest less its gap.
-    "length": Observer(_positions, lambda topology: topology.n_masses + len(topology.links)),
-    "acceleration": Observer(_accelerations, lambda topology: topology.n_masses),
-    "force": Observer(lambda system, now: now.forces, lambda topology: len(topology.rods)),
+    "length": (_positions, lambda topology: topology.n_masses + len(topology.links)),
+    "acceleration": (_accelerations, lambda topology: topology.n_masses),
+    "force": (lambda system, now: now.forces, lambda topology: len(topology.rods)),
 }
 
 
@@ -160,17 +153,17 @@ def _observed_at(
     scheme: Scheme,
     number: Any,
 ) -> tuple[Any, ...]:
-    observer = _OBSERVERS[kind]
+    numbers, size = _OBSERVERS[kind]
 
     def observed(grid: TimeGrid, instant: Any) -> tuple[Any, ...]:
         run = Rollout.of(*case, grid, scheme)
 
         def observe(kept: Any, now: Instant, m: jax.Array) -> tuple[Any, None]:
-            seen = observer.of(run.constants, now)
+            seen = numbers(run.constants, now)
             kept = jax.tree.map(lambda old, new: jnp.where(m == instant, new, old), kept, seen)
             return kept, None
 
-        before = (run.zero,) * observer.size(run.system.topology)
+        before = (run.zero,) * size(run.system.topology)
         (_, kept), _ = run.observed(observe, before)
         return kept
 
