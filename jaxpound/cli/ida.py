@@ -127,8 +127,7 @@ def records(
     if (to := config.target) is None:
         return suite, None
     with named(f"{file.name}: [target]"):
-        periods = natural_periods(config.buildings)
-        span: Any = _RANGES[to.code](*periods) if to.code else to.range
+        span: Any = _RANGES[to.code](*natural_periods(config.buildings)) if to.code else to.range
         target = jp.ground.TargetSpectrum(to.periods, to.accelerations, to.damping)
         chosen: Any = {"best": to.best, "least": to.least}
         scaled = suite.scaled_to(target, span, to.factors, **chosen, strict=strict)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -13,19 +13,7 @@ from jax.scipy.special import logsumexp, ndtr
 from jaxpound._checks import require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, parameter
-from jaxpound.results.named import kind_of, require_limited
-
-
-@runtime_checkable
-class Goal(Protocol):
-    """A function of the smallest gaps in all earthquakes, which a search maximises.
-
-    Of several links, the smallest gap is that of all of them, and the gap at rest is the mean of
-    those that are finite.
-    """
-
-    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
-        """The goal's value for smallest gaps and gaps at rest, shape (n,) each."""
+from jaxpound.results.named import require_limited
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,18 +130,9 @@ class LeastDemand:
         require_limited(self.demand, "")
         require_over(self.over)
 
-    @property
-    def quantity(self) -> str | None:
-        """Kind of quantity of the demand."""
-        return kind_of(self.demand)
-
     def value(self, demands: Mapping[str, Any]) -> jax.Array:
         """Minus the demand over the earthquakes, from columns of demands by name."""
         return -gathered(demands[self.demand], self.over)
-
-    def size(self, demands: Mapping[str, Any]) -> Any:
-        """Order of magnitude of the goal, from columns of demands."""
-        return -self.value(demands)
 
 
 def require_over(over: Any) -> None:

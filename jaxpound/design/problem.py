@@ -19,10 +19,9 @@ from jaxpound.design.goals import LeastDemand, PoundingProbability
 from jaxpound.design.objective import Objective
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ground
-from jaxpound.ground.run_input import all_in_g, require_time_unit
+from jaxpound.ground.run_input import require_time_unit
 from jaxpound.model.contact import Newton
-from jaxpound.model.system import Link, common_gap, gravity_of, in_si, is_closable
+from jaxpound.model.system import Link, common_gap, in_si, is_closable
 from jaxpound.reliability.result import RareEvent
 from jaxpound.results import named
 from jaxpound.results.elements import of_link
@@ -92,8 +91,7 @@ class DesignProblem:
         kinds = (DesignSpace, Ensemble, TimeGrid, Scheme, Objective)
         for field, kind in zip(dataclasses.fields(self), kinds, strict=True):
             instance(field.name, getattr(self, field.name), kind)
-        nominal = self.space.nominal
-        single_system(nominal)
+        single_system(self.space.nominal)
         require_time_unit("ensemble", self.ensemble, si=self.si)
         self.space.require_certain(self.ensemble.uncertain)
         with renamed("objective"):
@@ -108,7 +106,7 @@ class DesignProblem:
             for name in names:
                 if rule := self._refusal(name):
                     raise InvalidInput(f"{name!r} in {place}", "", rule)
-        if objective.needs_gap and not self._closable:
+        if not (of_goal or self._closable):
             rule = "must not be of gaps where no link has a finite one"
             raise InvalidInput("goal", repr(goal), f"{rule}; LeastDemand is of a response")
         if isinstance(goal, PoundingProbability):
@@ -139,11 +137,6 @@ class DesignProblem:
     def si(self) -> bool:
         """Whether all numbers are in SI units, as the structures are."""
         return in_si(self.space.nominal)
-
-    def first_grounds(self, n: int) -> Ground:
-        """The first n ground motions, in g."""
-        grounds = jax.tree.map(lambda x: x[:n], self.ensemble.grounds)
-        return all_in_g(grounds, gravity_of(self.space.nominal))
 
     @property
     def _links(self) -> Sequence[Link]:

@@ -183,8 +183,7 @@ class DesignSpace:
                 raise InvalidInput(path, "", "must not be both chosen and uncertain")
             for other in self.names:
                 if path == lower(self.nominal, other) or other == lower(self.nominal, path):
-                    rule = f"must not be chosen where {path} is uncertain"
-                    raise InvalidInput(other, "", rule)
+                    raise InvalidInput(other, "", f"must not be chosen where {path} is uncertain")
 
     def _low(self, path: str, values: Mapping[str, Any]) -> Any:
         """The lower bound, raised to the parameter that bounds this one from below."""

@@ -272,8 +272,7 @@ class SamplesRate:
 
     def __post_init__(self) -> None:
         if not (x := self.intensity[self.hits]).size:
-            rule = "must pound, for the rate to have intensities"
-            raise InvalidInput("a sample", "", rule)
+            raise InvalidInput("a sample", "", "must pound, for the rate to have intensities")
         valid = (x > 0) & np.isfinite(x)
         enforce([Rule("intensity", x, valid, "positive and finite in samples that pound")])
 

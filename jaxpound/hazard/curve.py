@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterator
 from functools import partial
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -93,18 +94,13 @@ class HazardCurve(Shown):
             The row, from 0, or the site's name in a file of the USGS; needed if there are several.
         """
         with renamed(str(file)):
-            return HazardCurve(*read_hazard(file, site))
-
-    @property
-    def slope(self) -> np.ndarray:
-        """Exponents k = −d ln rate / d ln im of the m − 1 pieces between the points."""
-        return self._points.slope
+            return HazardCurve(*read_hazard(Path(file), site))
 
     def rate(self, intensity: ArrayLike) -> np.ndarray:
         """Mean annual rate of exceeding intensities > 0, of their shape."""
         (im,) = positive(intensity=intensity)
-        piece = self._points.piece(im)
-        return self.annual_rate[piece] * (im / self.intensity[piece]) ** -self.slope[piece]
+        piece, slope = self._points.piece(im), self._points.slope
+        return self.annual_rate[piece] * (im / self.intensity[piece]) ** -slope[piece]
 
     def probability(self, years: float = 1.0) -> np.ndarray:
         """Probability that each intensity is exceeded within years > 0: 1 − e^(−rate years).
@@ -170,8 +166,7 @@ class HazardCurve(Shown):
         instance("pounding", pounding, Fragility, Estimate, Study, RareEvent)
         for name, value in (("gap", gap), ("link", link)):
             if value is not None and not isinstance(pounding, Study):
-                rule = "must be None: pounding is not a study"
-                raise InvalidInput(name, repr(value), rule)
+                raise InvalidInput(name, repr(value), "must be None: pounding is not a study")
         if isinstance(pounding, Fragility):
             measure = Measure.of_text(pounding.measure)
             _require_measure(self.measure, "the fragility", measure)
@@ -330,23 +325,20 @@ def _require_measure(text: str, source: str, measure: Measure) -> None:
 
 
 def _require_drawn(curve: CurvePoints, source: Study | RareEvent, instead: str) -> None:
-    """An ``InvalidInput`` that offers ``instead`` unless intensities follow a hazard curve."""
-    if not is_drawn(curve, source):
-        name = f"intensities of the {'study' if isinstance(source, Study) else 'rare event'}"
+    """An ``InvalidInput`` that offers ``instead`` unless intensities follow a hazard curve.
+
+    It is known of scenarios that have this curve, up to a factor, without other weights.
+    """
+    if isinstance(source, RareEvent):
+        noun, described = "rare event", describe(source.limit_state.scenarios)
+    else:
+        noun, described = "study", source.about["identity"]["scenarios"]
+        described = described if source.weighting is None else None
+    curves = (x for x in _drawing(described) if np.shape(x) == np.shape(curve))
+    if not any((np.ptp(np.log(curve) - np.log(x), axis=1) < _SAME).all() for x in curves):
         rule = "must be drawn by HazardCurve.distribution of this curve, or weighed by its "
         rule += f"HazardCurve.weights, and are not known to be; give {instead}, or drawn=True if"
-        raise InvalidInput(name, "", f"{rule} they follow this curve")
-
-
-def is_drawn(curve: tuple[np.ndarray, np.ndarray], source: Study | RareEvent) -> bool:
-    """Whether the scenarios have this curve, up to a factor, and there are no other weights."""
-    if isinstance(source, RareEvent):
-        curves = _drawing(describe(source.limit_state.scenarios))
-    else:
-        weighted = source.weighting is not None
-        curves = _drawing(None if weighted else source.about["identity"]["scenarios"])
-    ratios = (np.log(curve) - np.log(x) for x in curves if np.shape(x) == np.shape(curve))
-    return any((np.ptp(ratio, axis=1) < _SAME).all() for ratio in ratios)
+        raise InvalidInput(f"intensities of the {noun}", "", f"{rule} they follow this curve")
 
 
 def _drawing(described: Any) -> Iterator[Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import re
-from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +15,7 @@ from scipy import special
 
 from jaxpound import _checks
 from jaxpound._checks import Rule, did_you_mean, enforce, positive_number, real
-from jaxpound._errors import InvalidInput, renamed
+from jaxpound._errors import InvalidInput
 from jaxpound.ground.measure import Measure, units_like
 
 LEAST_RATE = 1e-100  # smaller annual rates are rounding errors of the program that wrote them
@@ -136,8 +135,7 @@ class HazardIntensity:
         before, last = self.annual_rate[-2:]
         if not before > last:
             rule = "of the highest intensity must be smaller than that of the one before"
-            rule = f"{rule}, {before:.8g}"
-            raise InvalidInput("annual_rate", f"{last:.8g}", rule)
+            raise InvalidInput("annual_rate", f"{last:.8g}", f"{rule}, {before:.8g}")
 
     def from_normal(self, z: Any) -> Any:
         """The intensity that is exceeded with probability Φ(−z)."""
@@ -173,14 +171,9 @@ def rate_of(probability: float, years: float) -> float:
 
 
 def read_hazard(
-    file: str | PathLike[str], site: int | str | None, first: int = 0
+    path: Path, site: int | str | None, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """Fields of ``HazardCurve.read``, with rows of sites counted from ``first``."""
-    with renamed(str(file)):
-        return _read(Path(file), site, first)
-
-
-def _read(path: Path, site: int | str | None, first: int) -> tuple[np.ndarray, np.ndarray, str]:
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     header = lines[0] if lines and lines[0].startswith("#") else ""
     rows = [row for row in csv.reader(lines[bool(header) :]) if any(row)]
@@ -222,8 +215,7 @@ def _site(names: list[str], rows: list[list[str]], site: int | str | None, first
     if site is None:
         if len(rows) > 1:
             listed = f": {', '.join(sites[:6])}{', …' * (len(sites) > 6)}" if sites else ""
-            rule = f"must be one of {len(rows)}, from {first}{listed}"
-            raise InvalidInput("site", "", rule)
+            raise InvalidInput("site", "", f"must be one of {len(rows)}, from {first}{listed}")
         site = first
     if isinstance(site, str):
         if site not in sites:

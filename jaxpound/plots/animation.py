@@ -95,7 +95,8 @@ class Scene:
         for left, rest, ends in between:
             if rest < spaces[left]:
                 for end in ends:
-                    self._floors[end].reach_out((spaces[left] - rest) / 2, building_of[end] == left)
+                    sides, to_the_right = self._floors[end].extensions, building_of[end] == left
+                    sides[to_the_right] = max(sides[to_the_right], (spaces[left] - rest) / 2)
         self._centre, self._deep = (low + far) / 2, deep
         self._words = ax.text(self._centre, high + 2.4 * deep, "", ha="center", va="center")
         ax.text(low, -2.4 * deep, "ground $u''$", va="center")
@@ -133,19 +134,15 @@ class _Floor:
         self.first_yield_time: Any = None
         (self.left, self.low), (self.width, slab) = corner, size
         self.high = self.low + slab
-        self._extensions = [0.0, 0.0]  # to the left and to the right
+        self.extensions = [0.0, 0.0]  # to the left and right, of links with narrower gaps
         self._body = ax.add_patch(Rectangle(corner, *size, facecolor=colour, alpha=0.8))
         self._columns = [ax.plot([], [], color=colour, linewidth=1.8)[0] for _ in range(2)]
-
-    def reach_out(self, by: float, to_the_right: bool) -> None:
-        """Widen the floor on the side of a link with a narrower gap."""
-        self._extensions[to_the_right] = max(self._extensions[to_the_right], by)
 
     def face(self, i: int, to_the_right: bool) -> float:
         """Where its side is at instant i."""
         if to_the_right:
-            return self.left + self.width + self._extensions[1] + float(self.x[i])
-        return self.left - self._extensions[0] + float(self.x[i])
+            return self.left + self.width + self.extensions[1] + float(self.x[i])
+        return self.left - self.extensions[0] + float(self.x[i])
 
     def show(self, i: int, time: float) -> None:
         left = self.face(i, False)
@@ -250,8 +247,7 @@ def still(
     _require_scene(response)
     end = float(response.time[-1])
     if not 0 <= time <= end:
-        rule = f"must be within the run, from 0 to {end:.6g}"
-        raise InvalidInput("time", str(time), rule)
+        raise InvalidInput("time", str(time), f"must be within the run, from 0 to {end:.6g}")
     ax = house.new_axes(ax)
     scene = Scene(response, ax, reach, elevations)
     scene.show(int(np.abs(np.asarray(response.time) - time).argmin()))
@@ -368,5 +364,4 @@ def _require_scene(response: Response) -> None:
         rule = "must be of shear buildings: floors one above the other, each on one rod"
         raise InvalidInput("the run", "", rule)
     if is_pair(response) and not np.isfinite(response.min_gap):
-        rule = "must be finite, so that the buildings stand somewhere"
-        raise InvalidInput("the gap", "", rule)
+        raise InvalidInput("the gap", "", "must be finite, so that the buildings stand somewhere")

@@ -62,8 +62,7 @@ def landscape(
     ax = new_axes(ax, height=1.25)
     if drawn is None:
         if design.space.dimension < 2:
-            rule = "has one variable, and must have two or more"
-            raise InvalidInput("design", "", rule)
+            raise InvalidInput("design", "", "has one variable, and must have two or more")
         moved = np.abs(design.shares - design.history.shares[0, 0])
         i, j = np.sort(np.argsort(-moved, kind="stable")[:2])
         drawn = design.landscape(design.space.names[i], design.space.names[j], n)

@@ -89,8 +89,7 @@ def probability_curve(events: Sequence[RareEvent], ax: Axes | None = None) -> Ax
         instance(f"events[{i}]", event, RareEvent)
     states = [event.limit_state for event in events]
     if len(states) < 2 or any(state.threshold is None for state in states):
-        rule = "must be two or more, each with a threshold"
-        raise InvalidInput("events", "", rule)
+        raise InvalidInput("events", "", "must be two or more, each with a threshold")
     if any(state.demand != states[0].demand for state in states):
         raise InvalidInput("events", "", "must be of one demand")
     ax = new_axes(ax)

@@ -45,8 +45,7 @@ def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
     for group, seen in zip(system.groups, now.groups, strict=True):
         ends += [joint.ends for joint in group.joints]
         forces += seen.totals
-    masses = enumerate(system.masses)
-    return tuple(load_on(number, ends, forces) / mass for number, mass in masses)
+    return tuple(load_on(number, ends, forces) / mass for number, mass in enumerate(system.masses))
 
 
 _OBSERVERS: dict[str, Any] = {  # of the numbers that series combine, and how many there are

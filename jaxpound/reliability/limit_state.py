@@ -237,8 +237,7 @@ def state_of(
         state, findings = scenarios, doubts(scenarios.scenarios, scenarios.grid)
     else:
         if gap is not None and (demand != REQUIRED_GAP or threshold is not None):
-            rule = "must be None where another demand is given"
-            raise InvalidInput("gap", repr(gap), rule)
+            raise InvalidInput("gap", repr(gap), "must be None where another demand is given")
         if gap is not None:
             (threshold,) = not_negative(gap=number("gap", gap))
         findings = doubts(scenarios, grid)
@@ -252,8 +251,7 @@ def state_of(
 def require_dependence(state: LimitState, z: Any, values: Any) -> None:
     """An ``InvalidInput`` if a demand is the same at points z, and under stronger motions, too."""
     if not np.isfinite(values).any():
-        rule = f"must be a number, but is none in {len(z):,} random runs"
-        raise InvalidInput("demand", "", rule)
+        raise InvalidInput("demand", "", f"must be a number, but is none in {len(z):,} random runs")
     if np.ptp(values[np.isfinite(values)]) > 0:
         return
     if not np.ptp([values, *(state.values(factor * z) for factor in _STRONGER)]) > 0:

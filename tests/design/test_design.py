@@ -14,7 +14,7 @@ from scipy import stats
 from tqdm.auto import tqdm
 
 import jaxpound as jp
-from jaxpound.cli.design_report import summary
+from jaxpound.cli.design import summary
 from jaxpound.cli.files import json_text
 from jaxpound.design import search as design_search
 from jaxpound.design.lagrangian import AugmentedLagrangian

@@ -91,7 +91,6 @@ def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
         expected = float(gathered(demands["peak_drift"], over))
         assert -float(objective.value(demands)) == objective.size(demands) == expected
     assert (objective.demand, objective.quantity) == ("peak_drift", "length")
-    assert not objective.needs_gap
     assert Objective(LeastDemand("peak_acceleration_2")).quantity == "acceleration"
     assert objective.size({"peak_drift": jnp.zeros(3)}) == 1.0
     assert objective.limited_demands(demands).shape == (0,)
