@@ -63,7 +63,7 @@ def envelope(
 
     The quantity is "displacement", "drift", "drift_ratio", in % of the height of the storey,
     "acceleration", "shear", "contact", the largest force of contact from either side, or
-    "ductility", of storeys that yield. Other arguments are as in ``envelopes``.
+    "ductility", of storeys that yield. Other arguments and batches are as in ``envelopes``.
 
     A ``ValueError`` as by ``envelopes``, or if there is no such quantity, no building has it, or
     runs to be compared are of several buildings.
@@ -102,13 +102,16 @@ def envelopes(
     Panels side by side are displacement, storey drift, acceleration, storey shear and, where there
     are any, contact force and ductility. The buildings of a run or a batch share them; of runs to
     be compared each building has a row. Drift is in % of the height of storeys, where floors have
-    a ``drift_ratio``. A batch is as in ``envelope``.
+    a ``drift_ratio``. Of a batch the line is the median of the valid runs, the band reaches from 16
+    to 84 %.
 
     ``floors`` are what ``floor_demands`` gives, one for each building, of a run or a batch; or such
     tuples by name, to be compared: the first is grey. ``elevations`` are those of ``row``, by
     default the floors' numbers; ``labels`` name the buildings, by default "building 1" and so on.
 
-    A ``ValueError`` as by ``envelope``, or if elevations or labels are not one for each building.
+    A ``ValueError`` if no run is valid, runs to be compared are of other buildings or units,
+    elevations or labels are not one for each building, or elevations of a building not one for each
+    floor in ascending order.
 
     Examples
     --------
