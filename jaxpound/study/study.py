@@ -214,7 +214,6 @@ class Study(Columnar, Shown):
             the samples are concentrated on the event. Moments and fragilities are always
             normalised.
         """
-        curve = getattr(weights, "curve", None)
         if isinstance(weights, str):
             column = self._moments[self._column(weights)]
             if column.n != len(self) - self.failed:
@@ -226,7 +225,7 @@ class Study(Columnar, Shown):
             if self.failed:
                 weights = np.where(np.isnan(self._read("pga")), 0.0, weights)
             require_weights(weights)
-        return dataclasses.replace(self, weighting=Weighting(weights, bool(normalised), curve))
+        return dataclasses.replace(self, weighting=Weighting(weights, bool(normalised)))
 
     @property
     def weights(self) -> np.ndarray:

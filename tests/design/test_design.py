@@ -14,7 +14,7 @@ from scipy import stats
 from tqdm.auto import tqdm
 
 import jaxpound as jp
-from jaxpound.cli.design_report import summary
+from jaxpound.cli.design import summary
 from jaxpound.cli.files import json_text
 from jaxpound.design import search as design_search
 from jaxpound.design.lagrangian import AugmentedLagrangian
@@ -96,7 +96,7 @@ def test_the_optimum_of_a_bowl(stand_in):
 
 PEAK = {"friction": 0.6, "mass_ratio": 1.5}
 
-WORST = jp.Objective(jp.design.WorstGap())
+WORST = jp.Objective(jp.SmallestGap("worst"))
 OPTIMA = {
     "line searches": (MEAN, {"optimiser": optax.lbfgs(), "iterations": 12}, PEAK, 1e-6),
     "a penalty": (jp.Objective(penalties={"damper_force": 0.2}), {}, {"friction": 0.5}, 1e-3),
