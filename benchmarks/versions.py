@@ -30,7 +30,7 @@ FRICTIONS, SHARES = jnp.linspace(0.05, 0.5, 480), jnp.linspace(0.95, 1.05, 480)
 EACH = jax.tree.map(lambda x: x * SHARES, CASE)
 WITH_CONTACT = ("pair", "pair, gradient", "batch", "batch, gradient", "towers 3 and 2")
 WITH_CONTACT += ("towers 3 and 2, gradient", "towers 10 and 10")
-ROUNDS, COMPILATIONS = 40, 3
+ROUNDS, COMPILATIONS = 40, 2
 
 
 def smallest_gap(structures):
@@ -79,16 +79,21 @@ def least(rounds, actions):
     return [*map(min, times)], results
 
 
+def compiled(program, arguments):
+    jax.clear_caches()
+    return jax.jit(program.call).lower(*arguments).compile()
+
+
 def compare(*folders):
     print(f"JAX {jax.__version__}: now over before; runs in ms, compilations in s")
     for path in sorted(folders[0].glob("*.bin")):
-        lowered, arguments = [], []
+        exported, arguments = [], []
         for folder in folders:
             numbers = np.load(folder / f"{path.stem}.npz")
             arguments.append([jnp.asarray(numbers[key]) for key in numbers.files])
-            program = export.deserialize((folder / path.name).read_bytes())
-            lowered.append(jax.jit(program.call).lower(*arguments[-1]))
-        seconds, programs = least(COMPILATIONS, [x.compile for x in lowered])
+            exported.append(export.deserialize((folder / path.name).read_bytes()))
+        compilations = map(partial, [compiled] * 2, exported, arguments)
+        seconds, programs = least(COMPILATIONS, [*compilations])
         runs = [partial(x, *numbers) for x, numbers in zip(programs, arguments, strict=True)]
         times, results = least(ROUNDS, runs)
         apart = max(float(jnp.abs(x - y).max()) for x, y in zip(*results, strict=True))
