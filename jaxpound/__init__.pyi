@@ -60,6 +60,7 @@ from .model import LeadRubber as LeadRubber
 from .model import Link as Link
 from .model import MoatWall as MoatWall
 from .model import Newton as Newton
+from .model import Dashpot as Dashpot
 from .model import PowerLaw as PowerLaw
 from .model import Rod as Rod
 from .model import Row as Row

@@ -52,6 +52,31 @@ class PowerLaw(Batch):
 
 
 @pytree_dataclass
+class Dashpot(Batch):
+    """A linear dashpot, f = c e'; a material of a rod, whose stiffness is left out.
+
+    It needs no brace, and no shorter time step, however strong it is.
+
+    Raises ``ValueError`` if a concrete value breaks its rule.
+
+    Parameters
+    ----------
+    coefficient
+        c ≥ 0, in units of m1 ω1 for a dimensionless system.
+
+    Examples
+    --------
+    A spring and a dashpot of 5 % between a block and the ground:
+
+    >>> spring = jp.Rod(jp.ZenerRod(order=1.0, tau_f=1.0, tau_x=1.0), 1.0, (0, jp.GROUND))
+    >>> dashpot = jp.Rod(jp.Dashpot(0.1), ends=(0, jp.GROUND))
+    >>> system = jp.System((1.0,), (spring, dashpot))
+    """
+
+    coefficient: Any = parameter("c", "damping", "coefficient", least=0)
+
+
+@pytree_dataclass
 class Inerter:
     """An inerter: its force is b (x_i'' − x_j''), in proportion to the relative acceleration.
 

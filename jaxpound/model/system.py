@@ -22,7 +22,7 @@ from jaxpound._checks import as_tuple as as_tuple
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.dampers import Inerter, PowerLaw, VelocityFriction
+from jaxpound.model.dampers import Dashpot, Inerter, PowerLaw, VelocityFriction
 from jaxpound.model.ends import along, beside_axis, weighted
 from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
 from jaxpound.model.rod import ZenerRod
@@ -48,10 +48,11 @@ class Rod:
     ----------
     material
         The rod's law: a ``ZenerRod``; ``Bilinear``, ``BoucWen`` or any ``HysteresisLaw``, of rods
-        that yield; ``YieldingZener``, both in one; or ``PowerLaw``, a viscous damper.
+        that yield; ``YieldingZener``, both in one; ``PowerLaw``, a viscous damper on a brace; or
+        ``Dashpot``.
     stiffness
         Long-time stiffness K > 0, before the rod yields; in units of m1 ω1² for a dimensionless
-        system.
+        system. A ``Dashpot`` has none.
     ends
         Two masses i and j by number, from 0, or ``GROUND``. The rod is stretched by x_i − x_j, and
         by x_i if j is the ground; its force f pulls i back and j along. Rods of ``Storeys`` may
@@ -60,8 +61,8 @@ class Rod:
         each mass. Weights are numbers that can be traced; they are then in ``weights``.
     """
 
-    material: Any = part(ZenerRod, YieldingZener, PowerLaw, HysteresisLaw, traced=True)
-    stiffness: Any = parameter("K", "stiffness", "stiffness", above=0)
+    material: Any = part(ZenerRod, YieldingZener, PowerLaw, Dashpot, HysteresisLaw, traced=True)
+    stiffness: Any = parameter("K", "stiffness", "stiffness", above=0, optional=True, default=None)
     ends: AnyEnds | None = static(default=None)
     weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
 
@@ -69,6 +70,10 @@ class Rod:
         if self.ends is not None:
             _set_ends(self)
         check(self)
+        if isinstance(self.material, Dashpot) != (self.stiffness is None):
+            rule = "must be positive" if self.stiffness is None else "must be left out"
+            words = f"{rule} for {type(self.material).__name__}"
+            raise InvalidInput("stiffness", str(self.stiffness), words)
 
 
 @pytree_dataclass

@@ -124,7 +124,7 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     if is_traced(system):
         raise InvalidInput("structures", "", "must be known, not traced")
     concrete = jax.tree.map(np.asarray, system)
-    at_rest = _largest_eigenvalue(concrete, [rod.stiffness for rod in concrete.rods])
+    at_rest = _largest_eigenvalue(concrete, [rod.stiffness or 0.0 for rod in concrete.rods])
     low, high = 0.0, 2 / float(np.max(at_rest)) ** 0.5  # a rod is never softer than at rest
     for _ in range(60):
         middle = (low + high) / 2
@@ -291,7 +291,8 @@ def _part(topology: Topology, rod: int) -> str:
 def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:
     """The stiffness of each rod at the highest frequency that steps resolve."""
     return [
-        nyquist_stiffness(before_yield(rod.material), rod.stiffness, dt, scheme.order)
+        0.0 if rod.stiffness is None
+        else nyquist_stiffness(before_yield(rod.material), rod.stiffness, dt, scheme.order)
         for rod in system.rods
     ]
 

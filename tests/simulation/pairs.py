@@ -59,7 +59,7 @@ def pair(masses, materials, stiffnesses, **link):
 
 
 POWERS = dict.fromkeys(("stiffness", "friction", "force", "increase"), 2)
-POWERS |= {"velocity": 1, "velocities": 1, "periods": -1, "arrivals": -1}
+POWERS |= {"coefficient": 1, "velocity": 1, "velocities": 1, "periods": -1, "arrivals": -1}
 """Of the unit of time in numbers by their names; others have none, but for relaxation times."""
 
 

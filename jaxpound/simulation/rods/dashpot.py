@@ -29,6 +29,21 @@ class DashpotState(NamedTuple):
 @register_dataclass
 @dataclass(frozen=True)
 class Dashpot(RodLaw):
+    """A dashpot without a brace: its force is that of the velocity, which the step takes it by."""
+
+    coefficient: Any
+    modulus = 0.0
+
+    def step(
+        self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
+    ) -> RodStep:
+        """No force but that of the velocity."""
+        return RodStep(0.0, 0.0, None)
+
+
+@register_dataclass
+@dataclass(frozen=True)
+class BracedDashpot(RodLaw):
     """A dashpot on a brace over steps of one length; lengths stand for forces over K."""
 
     size: Any  # F over K
@@ -37,10 +52,10 @@ class Dashpot(RodLaw):
     modulus: Any  # K, of the brace
 
     @staticmethod
-    def of(material: PowerLaw, modulus: Any, dt: float) -> Dashpot:
+    def of(material: PowerLaw, modulus: Any, dt: float) -> BracedDashpot:
         """The damper over steps of ``dt``."""
         size, power = material.force / modulus, 1 / material.exponent
-        return Dashpot(size, power, material.velocity * dt, modulus)
+        return BracedDashpot(size, power, material.velocity * dt, modulus)
 
     def start(self, elongation: jax.Array, change: jax.Array) -> DashpotState:
         """The state of a rod at rest, without a force."""
@@ -99,7 +114,7 @@ class Dashpot(RodLaw):
         alone = (size / (share * fixed.way)) ** (1 / fixed.power)  # over F
         force = smaller(size, jnp.where(none, 1.0, fixed.size) * alone)
 
-        def nearer(law: Dashpot, force: Any, whole: Any) -> Any:
+        def nearer(law: BracedDashpot, force: Any, whole: Any) -> Any:
             """A step of Newton's method; its slope is not differentiated."""
             ratio = fixed._slid(force) / jnp.where(force == 0, 1.0, force)
             excess = force + share * law._slid(force) - whole
