@@ -48,6 +48,7 @@ from .model import AdjacentStructures as AdjacentStructures
 from .model import Bilinear as Bilinear
 from .model import BoucWen as BoucWen
 from .model import Building as Building
+from .model import Dashpot as Dashpot
 from .model import FloorLink as FloorLink
 from .model import FrictionPendulum as FrictionPendulum
 from .model import Hertz as Hertz
@@ -60,7 +61,6 @@ from .model import LeadRubber as LeadRubber
 from .model import Link as Link
 from .model import MoatWall as MoatWall
 from .model import Newton as Newton
-from .model import Dashpot as Dashpot
 from .model import PowerLaw as PowerLaw
 from .model import Rod as Rod
 from .model import Row as Row

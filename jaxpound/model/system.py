@@ -364,15 +364,17 @@ def _require_held(system: System) -> None:
     With weights it depends on numbers, which traced ones may not tell.
     """
     topology, n = system.topology, len(system.masses)
-    if any(isinstance(ends, WeightedMasses) for ends in topology.rods):
-        if (rows := _rows(system.rods, n)) is not None and (_rank(rows) < n).any():
-            rule = "must hold all masses: in some motion of them no rod is stretched"
+    holding = [rod for rod in system.rods if rod.stiffness is not None]
+    if any(isinstance(rod.ends, WeightedMasses) for rod in holding):
+        if (rows := _rows(holding, n)) is not None and (_rank(rows) < n).any():
+            rule = "must hold all masses: in some motion of them no rod but dashpots is stretched"
             raise InvalidInput("rods", "", rule)
     else:
-        group, _ = joined_ends(n, topology.rods)
+        group, _ = joined_ends(n, tuple(rod.ends for rod in holding if rod.ends is not None))
         for mass in range(n):
             if group[mass] != group[GROUND]:
                 rule = "must be tied to the ground by rods, directly or through other masses"
+                rule += "; dashpots hold no mass" * (len(holding) < len(system.rods))
                 raise InvalidInput(f"masses.{mass}", "", rule)
     if (closing := ring(topology)) is not None:
         ends, rule = topology.links[closing], "must not close a ring with the links before it"

@@ -14,7 +14,7 @@ from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
 from jaxpound.model.joint import Joint, groups, joints
 from jaxpound.model.system import System
 from jaxpound.simulation.contact.records import SLOTS, Contact
-from jaxpound.simulation.damping import Damping, Drag
+from jaxpound.simulation.damping import Damping
 from jaxpound.simulation.joints.coupled import (
     Coupled,
     Group,
@@ -23,7 +23,7 @@ from jaxpound.simulation.joints.coupled import (
     may_need_flow,
 )
 from jaxpound.simulation.joints.friction import FrictionLaw
-from jaxpound.simulation.rods.law import RodLaw
+from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.rods.laws import law_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.state import Now, RunState
@@ -75,9 +75,9 @@ class StepConstants(NamedTuple):
                 alone.append(joint_group(group, system, masses, influence))
         kinds: Any = (*alone, *all_coupled(shared, system, masses, influence))
         if (damping := Damping.of(system, dt)) is not None:
-            numbers = system, masses, influence, damping.inverse
-            in_step = [joint_group(kind.of[0].joints, *numbers) for kind in alone]
-            in_step += all_coupled(shared, *numbers)
+            mobile = system, masses, influence, damping.inverse
+            in_step = [joint_group(kind.of[0].joints, *mobile) for kind in alone]
+            in_step += all_coupled(shared, *mobile)
             pairs = zip(kinds, in_step, strict=True)
             kinds = tuple(kind._replace(with_dashpots=other) for kind, other in pairs)
         flows: Literal["never", "sometimes", "always"] = "sometimes" if shared else "never"
@@ -85,8 +85,8 @@ class StepConstants(NamedTuple):
             flows = "always"
         plan = choice()(Work(len(rods), _length_of(rods), flows, keep))
         slots = SLOTS if keep else 0
-        numbers: Any = scheme.friction, dt, slots, x is None, plan
-        return StepConstants(masses, influence, rods, rod_ends, kinds, *numbers, damping)
+        numbers: Any = scheme.friction, dt, slots, x is None, plan, damping
+        return StepConstants(masses, influence, rods, rod_ends, kinds, *numbers)
 
     def start(
         self, zero: jax.Array, x: Sequence[jax.Array] | None, v: Sequence[jax.Array] | None
@@ -108,18 +108,17 @@ class StepConstants(NamedTuple):
         ]
 
     def accelerations(
-        self, forces: Sequence[Any], before: RunState, now: Now, drag: Drag | None = None
+        self, rods: Sequence[RodStep], v: Sequence[Any], owed: Any, now: Now, drag: Any = None
     ) -> tuple[list[Any], Any]:
-        """Mean accelerations in a step by the forces of rods alone, and what the ground adds.
+        """Mean accelerations in a step by the rods alone, and u'' if they are without the ground's.
 
-        Those with dashpots have that of the ground in them.
+        ``v`` are velocities before it; dashpots owe accelerations and may ``drag``.
         """
+        forces = [rod.kick for rod in rods]
         if (damping := self.damping) is None:
             return self.free_accelerations(forces), now.mean_ground
         loads = [load_on(mass, self.rod_ends, forces) for mass in range(len(self.masses))]
-        v = jnp.stack(before.v) + (0.0 if drag is None else drag.velocity)
-        free = damping.accelerations(loads, v) - before.owed
-        return [*(free - damping.influence * now.mean_ground)], None
+        return [*damping.accelerations(loads, v, now.mean_ground, owed, drag)], None
 
     def follow(
         self, y: Sequence[Any], closings: Sequence[Any], flows: Sequence[Any] = ()

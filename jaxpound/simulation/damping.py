@@ -24,7 +24,7 @@ from jaxpound.model.ends import along, weighted
 from jaxpound.model.system import System
 from jaxpound.simulation.contact.forces import inverse_of
 from jaxpound.simulation.joints.coupled import Coupled
-from jaxpound.simulation.joints.group import Deviation, Flow
+from jaxpound.simulation.joints.group import Flow
 from jaxpound.simulation.state import JointState, Moved, Now
 
 
@@ -32,8 +32,9 @@ class Drag(NamedTuple):
     """What dashpots do within a step against jumps of velocities in its flows, by mass, (n,)."""
 
     velocity: jax.Array  # by which the mean velocity of the step exceeds that of smooth motion
-    position: jax.Array  # change of position by it at the step's end
-    end: jax.Array  # acceleration at the step's end by it
+    mean: jax.Array  # acceleration by it, in the mean over the step
+    position: jax.Array  # change of position by it, less that of the mean acceleration
+    end: jax.Array  # acceleration by it at the step's end
 
 
 class Damping(NamedTuple):
@@ -60,9 +61,16 @@ class Damping(NamedTuple):
         influence = inverse @ (masses * jnp.asarray(system.influences, masses.dtype))
         return Damping(matrix, inverse, influence, h)
 
-    def accelerations(self, loads: Sequence[Any], v: Any) -> jax.Array:
-        """Mean accelerations P (loads − D v) of the masses in a step, which v begins."""
-        return self.inverse @ (_array(loads) - self.matrix @ v)
+    def accelerations(
+        self, loads: Sequence[Any], v: Sequence[Any], ground: Any, owed: Any, drag: Drag | None
+    ) -> jax.Array:
+        """Mean accelerations P (loads − D v − M ι u'') of a step before which masses move with v.
+
+        Less those that are ``owed`` from the step before.
+        """
+        mean = array_of(v) if drag is None else array_of(v) + drag.velocity
+        free = self.inverse @ (array_of(loads) - self.matrix @ mean)
+        return free - self.influence * ground - owed
 
     def against(self, y: jax.Array) -> jax.Array:
         """Accelerations −P D y by which dashpots oppose velocities y."""
@@ -76,26 +84,27 @@ class Damping(NamedTuple):
         now: Now,
     ) -> Drag:
         """Of the flows of a step, by how their joints deviate from smooth motion."""
-        n, h = len(self.influence), self.h
-        parts = Deviation(*([0.0 * self.influence[0]] * n for _ in Deviation._fields))
+        h, none = self.h, [0.0 * self.influence[0]] * len(self.influence)
+        velocity, position, end = none.copy(), none.copy(), none.copy()
         for kind, state, flow in zip(kinds, before, flows, strict=True):
             if flow is not None:
                 deviation = kind.deviation(state, flow, now, h)
-                for moved, missing in zip(parts, deviation, strict=True):
-                    kind.follow(moved, missing)
-        velocity, position, end = map(_array, parts)
-        velocity = velocity + self.against(position)
-        return Drag(
-            velocity, h * self.against(position - h / 2 * velocity), self.against(end)
-        )
+                kind.follow(velocity, deviation.velocity)
+                kind.follow(position, deviation.closing)
+                kind.follow(end, deviation.end)
+        moved = array_of(position)
+        mean = array_of(velocity) + self.against(moved)
+        late = h * self.against(moved - h / 2 * mean)
+        return Drag(mean, self.against(mean), late, self.against(array_of(end)))
 
     def owed(self, kinds: Sequence[Coupled], moved: Sequence[Moved]) -> jax.Array:
         """Accelerations that dashpots owe as slip has stopped or turned within the step."""
         missed: list[Any] = [0.0 * self.influence[0]] * len(self.influence)
         for kind, joints in zip(kinds, moved, strict=True):
             kind.in_step.follow(missed, kind.in_step.kink(joints, self.h))
-        return self.against(_array(missed))
+        return self.against(array_of(missed))
 
 
-def _array(y: Sequence[Any]) -> jax.Array:
+def array_of(y: Sequence[Any]) -> jax.Array:
+    """Numbers as an array; not by ``stack``, see ``Coupled``."""
     return jnp.concatenate([jnp.expand_dims(jnp.asarray(x), 0) for x in y])

@@ -291,7 +291,8 @@ def _part(topology: Topology, rod: int) -> str:
 def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:
     """The stiffness of each rod at the highest frequency that steps resolve."""
     return [
-        0.0 if rod.stiffness is None
+        0.0
+        if rod.stiffness is None
         else nyquist_stiffness(before_yield(rod.material), rod.stiffness, dt, scheme.order)
         for rod in system.rods
     ]

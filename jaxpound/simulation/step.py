@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._xla.alike import map_alike
-from jaxpound.model.ends import along
+from jaxpound.model.ends import along, less_ground
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.rods.dashpot import Dashpot
 from jaxpound.simulation.rods.law import RodLaw, RodStep
@@ -38,7 +38,7 @@ def one_step(
 
     # The rods at t_m, and the pull on the joints, A = C (a − ι u'') with a = −M⁻¹ Bᵀ f.
     rods = rods_at(system, before, sums, now, range(len(system.rods)), before.x)
-    free, ground = system.accelerations([rod.kick for rod in rods], before, now)
+    free, ground = system.accelerations(rods, before.v, before.owed, now)
     pulls = [kind.in_step.pull(free, ground) for kind in system.joints]
 
     # The joints from t_m − h/2 to t_m + h/2, s'' = A − G (q + p) with G = C M⁻¹ Cᵀ. The rods take
@@ -52,7 +52,7 @@ def one_step(
         rods = with_mean_samples(system, before, sums, now, rods, flows)
         if system.damping is not None:
             drag = system.damping.drag(system.joints, before.joints, flows, now)
-        free, ground = system.accelerations([rod.kick for rod in rods], before, now, drag)
+        free, ground = system.accelerations(rods, before.v, before.owed, now, drag)
         pulls = [kind.in_step.pull(free, ground) for kind in system.joints]
     moved = [
         with_start(system, y, kind.after(y, flow, pull, now, system.friction, h), now)
@@ -60,9 +60,7 @@ def one_step(
     ]
 
     # Kick and drift of the masses, which follow their joints: v + S (w − C v), S = M⁻¹ Cᵀ G⁻¹.
-    a = free
-    if ground is not None:
-        a = [a - iota * ground for a, iota in zip(free, system.influence, strict=True)]
+    a = [less_ground(a, iota, ground) for a, iota in zip(free, system.influence, strict=True)]
     kicked = [v + now.kick * h * a for v, a in zip(before.v, a, strict=True)]
     for kind, y in zip(system.joints, moved, strict=True):
         if y.stop is not None:
@@ -70,16 +68,16 @@ def one_step(
     v = system.follow(kicked, [y.state.velocity for y in moved], flows)
     drifted = [x + h * v for x, v in zip(before.x, v, strict=True)]
     owed = None
-    if (damping := system.damping) is not None:
-        owed = damping.owed(system.joints, moved)
-        if drag is not None:
-            drifted = [x + y for x, y in zip(drifted, drag.position + h**2 / 8 * drag.end, strict=True)]
-            jumped = [v - now.kick * h * a for v, a in zip(v, a, strict=True)]
-            free, ground = system.accelerations([rod.kick for rod in rods], before._replace(v=tuple(jumped)), now)
-            moved = [
-                y if flow is None else kind.dragged(flow, y, h, kind.in_step.pull(free, ground), damping.against(drag.velocity), drag.position, drag.end)
-                for kind, y, flow in zip(system.joints, moved, flows, strict=True)
-            ]
+    if system.damping is not None:
+        owed = system.damping.owed(system.joints, moved)
+    if drag is not None:
+        smooth = [v - now.kick * h * a for v, a in zip(v, a, strict=True)]
+        free, ground = system.accelerations(rods, smooth, before.owed, now)
+        moved = [
+            kind.dragged(y, flow, kind.in_step.pull(free, ground), drag, h)
+            for kind, y, flow in zip(system.joints, moved, flows, strict=True)
+        ]
+        drifted = [x + y for x, y in zip(drifted, drag.position + h**2 / 8 * drag.end, strict=True)]
     x = system.follow(drifted, [y.state.closing for y in moved])
 
     rod_states, joint_states = tuple(rod.state for rod in rods), tuple(y.state for y in moved)

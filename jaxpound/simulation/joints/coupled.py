@@ -139,15 +139,17 @@ class Coupled(NamedTuple):
         of_group = partial(functions.deviation, now=now, h=h)
         return self._map(of_group, before, flow)
 
-    def dragged(self, flow: Flow, moved: Moved, h: float, pull: Any, *drag: Sequence[Any]) -> Moved:
-        """Joints after a flow, dragged by dashpots; see the function of a group."""
+    def dragged(self, moved: Moved, flow: Flow | None, pull: Any, drag: Any, h: float) -> Moved:
+        """Joints after a step, of which dashpots ``drag`` those with a flow; see ``group``."""
+        if flow is None:
+            return moved
+        drags = [self.along(y) for y in (drag.mean, drag.position, drag.end)]
         of_group = partial(functions.dragged, h=h)
-        by_joint = [self.along(y) for y in drag]
-        result: Moved = self._map(of_group, self.coupling, flow, moved, pull, *by_joint)
+        result: Moved = self._map(of_group, self.coupling, flow, moved, pull, *drags)
         return result
 
     def kink(self, moved: Moved, h: float) -> Any:
-        """Mean velocity of a step less the mean of both ends, where its force jumped without flow."""
+        """Mean velocity in a step without flow less the mean of both ends, as forces jumped."""
         share, (first, last) = moved.turns.farthest_time / h + 0.5, moved.turn_forces
         mobility = self.coupling.delassus
         if jnp.ndim(mobility):
@@ -316,7 +318,7 @@ def joint_group(
         shares = {mass: (row @ inverse) / masses[mass] for mass, row in weights.items()}
     else:
         moved = mobility[:, jnp.array(numbers)] @ jnp.stack([weights[mass] for mass in numbers])
-        delassus = sum(jnp.outer(weights[mass], moved[mass]) for mass in numbers)
+        delassus = jnp.stack([weights[mass] for mass in numbers]).T @ moved[jnp.array(numbers)]
         shares = dict(enumerate(moved @ inverse_of(delassus)))
     has_inerter = tuple(link.inerter is not None for link in links)
     driven = tuple(along(joint.ends, influence) for joint in joints)

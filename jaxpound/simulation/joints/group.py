@@ -227,18 +227,19 @@ def dragged(
     flow: Flow,
     moved: Moved,
     pull: jax.Array,
-    velocity: jax.Array,
+    mean: jax.Array,
     position: jax.Array,
     end: jax.Array,
     *,
     h: float,
 ) -> Moved:
-    """Joints after a flow that dashpots drag by accelerations and a change of position.
+    """Joints after a flow that dashpots drag, by accelerations and a change of position.
 
-    ``velocity`` has been added as a constant acceleration; ``pull`` is that at the step's end.
+    The ``mean`` acceleration is in the pull by which they have moved; ``pull`` is that of the next
+    step's beginning.
     """
     held = flow.result.held > 0
-    gains = [response(group, held, y, 0 * y)[0] for y in (velocity, position, end)]
+    gains = [response(group, held, y, 0 * y)[0] for y in (mean, position, end)]
     pressed = group.joints_where(flow.result.contact.mode == PRESSED)
     half = gains[1] + jnp.where(pressed, h**2 / 2 * gains[0], 0.0)
     half = jnp.where(flow.used, half, 0.0)
