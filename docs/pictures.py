@@ -172,7 +172,8 @@ def yielding() -> None:
         plots.pushover(building, 8.0, pushed)
         pushed.lines[-2].set_label(name)
     legend(pushed, bottom=0.0)
-    plots.ductility(jp.floor_demands(buildings, run.demand), [weak.elevations], over_height)
+    floors = jp.floor_demands(buildings, run.demand)
+    plots.envelope(floors, "ductility", [weak.elevations], over_height)
     figure.savefig(HERE / "yielding.png", dpi=130)
 
 

@@ -20,9 +20,12 @@ _attribute, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
 __all__ = [x for x in _names if x not in (*_WINGS, "contact", "plots") and not x.startswith("_")]
 
 _RENAMED = {  # in version 0.3
+    "CVaR": "SmallestGap(over=share)",
     "Growth": "study.PerturbationGrowth",
+    "MeanGap": "SmallestGap()",
     "Phase": "results.FrictionPhase",
     "Reached": "reliability.TargetResult",
+    "WorstGap": 'SmallestGap(over="worst")',
     "dimensionless": "Buildings((left, right), (FloorLink(0, 0, …),)).dimensionless()",
     "dimensionless_row": "Buildings(buildings, links).dimensionless()",
     "growth": "perturbation_growth",

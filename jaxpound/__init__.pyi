@@ -19,9 +19,9 @@ from .buildings import Buildings as Buildings
 from .design import DesignSearch as DesignSearch
 from .design import DesignSpace as DesignSpace
 from .design import Ensemble as Ensemble
-from .design import MeanGap as MeanGap
 from .design import Objective as Objective
 from .design import PoundingProbability as PoundingProbability
+from .design import SmallestGap as SmallestGap
 from .design import calibrate as calibrate
 from .design import calibrate_cyclic as calibrate_cyclic
 from .design import design_damper as design_damper

@@ -7,6 +7,7 @@ field of a result, its kind and its name in words. ``rules`` and ``walk`` read t
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator
 from types import NoneType
 from typing import Any, NamedTuple, TypeVar, cast, dataclass_transform
@@ -21,6 +22,7 @@ from jaxpound._tables import dataclass_repr
 T = TypeVar("T")
 
 _ROLE, _SPEC = "jaxpound_role", "jaxpound_spec"
+_cached = cast("Callable[[T], T]", functools.cache)  # whose own type refuses classes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,10 +104,11 @@ class Quantity(NamedTuple):
     """Metadata of a number in a result.
 
     ``words``, ``column`` and ``symbol`` name it in a sentence, in a table and in a figure; braces
-    stand for the number, from 1, of the mass, rod or link that it belongs to. Tables list lower
-    ranks first. A design may be limited in it, or pay for it, if ``limited``; Richardson's method
-    extrapolates ``smooth`` series. Elements may have it ``only`` if they are links with "contact",
-    rods that are a "storey" between two masses, or rods that may be "yielding".
+    stand for the number, from 1, of the mass, rod or link that it belongs to, a star for its
+    field's name, or in a symbol its column's in words. Tables list lower ranks first. A design may
+    be limited in it, or pay for it, if ``limited``; Richardson's method extrapolates ``smooth``
+    series. Elements may have it ``only`` if they are links with "contact", rods that are a "storey"
+    between two masses, or rods that may be "yielding".
     """
 
     kind: str | None
@@ -126,19 +129,19 @@ class Quantity(NamedTuple):
 
         return self._replace(words=numbered(self.words), symbol=numbered(self.symbol))
 
+    def in_field(self, name: str) -> Quantity:
+        """The same in the field of this name, without stars."""
+        column = self.column.replace("*", name)
+        symbol = self.symbol.replace("*", column.replace("_", " "))
+        return self._replace(column=column, symbol=symbol)
+
 
 def parameter(
-    symbol: str = "",
-    kind: str | None = None,
-    words: str = "",
-    *,
-    each: bool = False,
-    default: Any = dataclasses.MISSING,
-    **rules: Any,
+    *names: Any, each: bool = False, default: Any = dataclasses.MISSING, **rules: Any
 ) -> Any:
     """A field that is a ``Parameter``, traced and differentiated; ``each``: a tuple of them."""
-    spec = Parameter(symbol, kind, words, **rules)
-    return dataclasses.field(metadata={_SPEC: spec, "each": each}, default=default)
+    metadata = {_SPEC: Parameter(*names, **rules), "each": each}
+    return dataclasses.field(metadata=metadata, default=default)
 
 
 def like(cls: type, name: str, within: Range | None = None, **kwargs: Any) -> Any:
@@ -149,18 +152,9 @@ def like(cls: type, name: str, within: Range | None = None, **kwargs: Any) -> An
     return dataclasses.field(metadata=metadata, **kwargs)
 
 
-def quantity(
-    kind: str | None,
-    words: str = "",
-    column: str = "",
-    symbol: str = "",
-    *,
-    default: Any = dataclasses.MISSING,
-    **more: Any,
-) -> Any:
-    """A field that is a number or series of a result; as ``Quantity`` (kind None: a number)."""
-    spec = Quantity(kind, words, column, symbol, **more)
-    return dataclasses.field(metadata={_SPEC: spec}, default=default)
+def quantity(*names: Any, default: Any = dataclasses.MISSING, **more: Any) -> Any:
+    """A field that is a number or series of a result: a ``Quantity`` (of kind None, a number)."""
+    return dataclasses.field(metadata={_SPEC: Quantity(*names, **more)}, default=default)
 
 
 def part(*kinds: type, each: bool = False, traced: bool = False, **kwargs: Any) -> Any:
@@ -319,13 +313,11 @@ def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, An
                     yield path + name, spec, entry
 
 
+@_cached
 def quantities(cls: type) -> dict[str, Quantity]:
     """The quantities of a class of results, by field."""
-    return {
-        field.name: field.metadata[_SPEC]
-        for field in dataclasses.fields(cls)
-        if isinstance(field.metadata.get(_SPEC), Quantity)
-    }
+    specs = {field.name: field.metadata.get(_SPEC) for field in dataclasses.fields(cls)}
+    return {name: spec.in_field(name) for name, spec in specs.items() if isinstance(spec, Quantity)}
 
 
 def converted(tree: Any, convert: Callable[[Quantity, Any], Any]) -> Any:

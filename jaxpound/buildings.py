@@ -8,9 +8,9 @@ from functools import partial
 from itertools import chain
 from typing import Any, ClassVar
 
-from jaxpound._checks import enforce, instance, is_traced, is_whole, positive_number
+from jaxpound._checks import enforce, is_traced, is_whole
 from jaxpound._errors import InvalidInput, warn
-from jaxpound._fields import parameter, part, pytree_dataclass, ranges, unchecked
+from jaxpound._fields import check, parameter, part, pytree_dataclass, ranges, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.plausibility import FRICTION, GAP, doubts
 from jaxpound.model.row import FloorLink, LinkLabels, Row, by_face, require_floors, require_heights
@@ -66,7 +66,7 @@ class Buildings:
     0.0233 m
     """
 
-    buildings: tuple[Building | ShearBuilding, ...] = part(Building, ShearBuilding, each=True)
+    buildings: tuple[Building | ShearBuilding, ...] = part(ShearBuilding, Building, each=True)
     links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
     gravity: Any = parameter("g", "acceleration", above=0, single=True, default=STANDARD_GRAVITY)
     units: ClassVar = SI
@@ -83,22 +83,17 @@ class Buildings:
         return self
 
     def _check(self) -> None:
-        (gravity,) = positive_number(gravity=self.gravity)
-        buildings = as_tuple("buildings", self.buildings)
-        links = by_face(as_tuple("links", self.links))
-        for i, building in enumerate(buildings):
-            instance(f"buildings.{i}", building, ShearBuilding, Building)
-        for k, link in enumerate(links):
-            instance(f"links.{k}", link, FloorLink)
+        object.__setattr__(self, "buildings", as_tuple("buildings", self.buildings))
+        object.__setattr__(self, "links", by_face(as_tuple("links", self.links)))
+        check(self)
+        for k, link in enumerate(self.links):
             gaps = [GAP.of(f"links.{k}.gap", link.gap)] if is_closable(link.gap) else []
             friction = FRICTION.of(f"links.{k}.friction", link.friction)
             laws = [ranges(getattr(link, x), f"links.{k}.{x}.") for x in _LAWS]
             enforce([friction, *gaps, *chain(*laws)])
-        floors = [len(storeys_of(building)) for building in buildings]
-        require_floors(floors, links, LinkLabels())
-        require_heights(buildings, links, LinkLabels())
-        for name, value in (("buildings", buildings), ("links", links), ("gravity", gravity)):
-            object.__setattr__(self, name, value)
+        floors = [len(storeys_of(building)) for building in self.buildings]
+        require_floors(floors, self.links, LinkLabels())
+        require_heights(self.buildings, self.links, LinkLabels())
 
     @property
     def doubts(self) -> list[str]:

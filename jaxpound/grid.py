@@ -40,8 +40,7 @@ class TimeGrid:
         whole = Rule("n_steps", n, is_whole(n) and n >= 2, "a whole number, at least 2")
         enforce([Rule("dt", dt, 0 < dt < np.inf, "positive and finite"), whole])
         require_memory("n_steps", int(n), _STEP_BYTES * int(n))
-        object.__setattr__(self, "dt", float(dt))
-        object.__setattr__(self, "n_steps", int(n))
+        vars(self).update(dt=float(dt), n_steps=int(n))
 
     @classmethod
     def until(cls, duration: float, dt: float) -> TimeGrid:

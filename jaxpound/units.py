@@ -16,13 +16,10 @@ from jaxpound._fields import Parameter, converted, parameter, pytree_dataclass, 
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundMotion, require_seconds
 from jaxpound.ground.record import Record
-from jaxpound.model.building import Building
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import Inerter, VelocityFriction
-from jaxpound.model.hysteresis import YieldingZener, before_yield, hysteresis_of, material_in
+from jaxpound.model.hysteresis import material_in
 from jaxpound.model.parameters import put
-from jaxpound.model.rod import ZenerRod
-from jaxpound.model.structures import AdjacentStructures
 from jaxpound.model.system import Rod, Structures, in_si
 from jaxpound.quantities import STANDARD_GRAVITY
 from jaxpound.results.demand import Demand
@@ -94,33 +91,11 @@ class Scales:
         duration, dt = positive_number(duration=duration, dt=dt)
         return TimeGrid.until(float(duration) * omega, float(dt) * omega)
 
-    def buildings(self, structures: AdjacentStructures) -> tuple[Building, Building, Any, Any]:
-        """Dimensionless structures in SI: both buildings, slip force (N) and gap (m).
-
-        ``contact_to_si`` has the contact law.
-        """
-        instance("structures", structures, AdjacentStructures)
-        s, stiffness = structures, self.mass * self.frequency**2
-        left = self.storey(s.rod_1, self.mass, stiffness)
-        right = self.storey(s.rod_2, self.mass / s.mass_ratio, stiffness * s.stiffness_ratio)
-        return left, right, s.friction * self.force, s.initial_gap * self.length
-
-    def storey(self, material: ZenerRod | YieldingZener, mass: Any, stiffness: Any) -> Building:
-        """A mass, kg, on a rod of a dimensionless material and a stiffness, N/m, in SI."""
-        material = material_in(material, 1 / self.frequency, 1 / self.length)
-        rod = vars(before_yield(material))
-        return Building(mass, stiffness, **rod, hysteresis=hysteresis_of(material))
-
-    def contact_to_dimensionless(self, law: Law) -> Law:
-        """A contact law in SI units as one of the dimensionless system; None stays None.
+    def contact_to_si(self, law: Law) -> Law:
+        """A dimensionless contact law as one in SI units; None stays None.
 
         Raises ``ValueError`` for a law of one's own, whose numbers have no known dimensions:
-        ``units`` has what to divide them by.
-        """
-        return law_in_other_units("law", law, self, operator.truediv)
-
-    def contact_to_si(self, law: Law) -> Law:
-        """The inverse of ``contact_to_dimensionless``, with its ``ValueError``.
+        ``units`` has what to multiply them by.
 
         Examples
         --------

@@ -7,7 +7,7 @@ from hypothesis import strategies
 
 import jaxpound as jp
 from jaxpound.model.ends import elongation
-from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
+from jaxpound.results.demand import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.elements import place_of
 from jaxpound.results.impacts import ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, RodResponse
@@ -23,9 +23,11 @@ OF_CONTACT += ("contact_work", "soft_peak_contact")
 
 def pair_demand(value, soft=None, contact=False):
     """The scalars of a pair, all of one value; with ``contact`` those of a law of contact too."""
-    more = {} if soft is None else {"soft_min_gap": soft}
-    more |= dict.fromkeys(OF_CONTACT, value) if contact else {}
-    return jp.Demand.of_columns(dict.fromkeys(SCALARS, value) | more, si=False)
+    of_contact = dict.fromkeys(OF_CONTACT, value) if contact else {}
+    link = LinkDemand(*[value] * 5, soft_min_gap=soft, **of_contact)
+    return jp.Demand(
+        (MassDemand(value, value),) * 2, (RodDemand(value),) * 2, (link,), value, value
+    )
 
 
 def pair_response(time, series, masses=(1.0, 1.0), demand=None, slip_force=0.0):
@@ -55,6 +57,20 @@ def changed(result, **values):
         items[place.element] = dataclasses.replace(items[place.element], **{place.field: value})
         result = dataclasses.replace(result, **{place.group: tuple(items)})
     return result
+
+
+def in_si(structures, scales):
+    """The paper's two structures as buildings with a link, by eq. (8)."""
+    both = []
+    for rod, mass, k in (
+        (structures.rod_1, 1.0, 1.0),
+        (structures.rod_2, 1 / structures.mass_ratio, structures.stiffness_ratio),
+    ):
+        tau_f, tau_x = (tau / scales.frequency**rod.order for tau in (rod.tau_f, rod.tau_x))
+        stiffness = k * scales.mass * scales.frequency**2
+        both.append(jp.Building(mass * scales.mass, stiffness, rod.order, tau_f, tau_x))
+    friction, gap = structures.friction * scales.force, structures.initial_gap * scales.length
+    return jp.Buildings(tuple(both), (jp.FloorLink(0, 0, friction=friction, gap=gap),))
 
 
 STEEL = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), stiffness=5.0)

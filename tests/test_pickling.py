@@ -46,8 +46,8 @@ HELD = {
     "random structures": jp.UncertainStructures(ROW, STIFFNESS, correlation=0.4),
     "scenarios": SCENARIOS,
     "space": jp.DesignSpace(PAPER, {"friction": (0.0, 1.0)}),
-    "objective": jp.Objective(jp.design.CVaR(0.1), limits={"damper_force": 0.5}),
-    "goals": (jp.MeanGap(), jp.design.WorstGap(), jp.design.SoftMinimum(0.1), jp.design.Limit(0.3)),
+    "objective": jp.Objective(jp.SmallestGap(0.1), limits={"damper_force": 0.5}),
+    "goals": (jp.SmallestGap(), jp.design.SoftMinimum(0.1), jp.design.Limit(0.3)),
     "hazard": (HAZARD, HAZARD.distribution(), FRAGILITY, HAZARD.annual_rate_of(FRAGILITY)),
 }
 

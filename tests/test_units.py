@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import jaxpound as jp
 from jaxpound.model.contact import with_mass
-from tests.made import log_uniform
+from tests.made import in_si, log_uniform
 from tests.model.test_system import KnownCushion
 from tests.refusals import refusals, refused
 
@@ -86,15 +86,17 @@ def test_buildings_survive_the_round_trip_with_their_periods(first, second, forc
     ratios = mass_1 / mass_2, rod_2.stiffness / rod_1.stiffness
     between = *ratios, link.friction, link.gap
     structures = jp.AdjacentStructures(rod_1.material, rod_2.material, *between)
-    *back, same_force, same_gap = scales.buildings(structures)
+    pair = in_si(structures, scales)
     vibrations = zip(structures.natural_frequencies, structures.damping_ratios, strict=True)
-    for before, after, (omega, zeta) in zip((first, second), back, vibrations, strict=True):
+    for before, after, (omega, zeta) in zip(
+        (first, second), pair.buildings, vibrations, strict=True
+    ):
         numbers = map(jax.tree.leaves, (after, before))
         assert next(numbers) == pytest.approx(next(numbers), rel=1e-12)
         period = 2 * np.pi / (float(omega) * scales.frequency)
         assert before.natural_period == pytest.approx(period, rel=1e-9)
         assert before.damping_ratio == pytest.approx(float(zeta), rel=1e-6, abs=1e-12)
-    assert (same_force, same_gap) == pytest.approx((force, gap), rel=1e-12)
+    assert (pair.links[0].friction, pair.links[0].gap) == pytest.approx((force, gap), rel=1e-12)
 
 
 LAWS = [jp.Newton(0.65), jp.KelvinVoigt(1.6e9, 0.65, tension=True), jp.Hertz(3e9)]
@@ -108,7 +110,6 @@ def test_a_contact_law_keeps_its_force_in_other_units(law):
     assert jax.tree.structure(other) == jax.tree.structure(law)
     back = scales.contact_to_si(other)
     assert jax.tree.leaves(back) == pytest.approx(jax.tree.leaves(law), rel=1e-14)
-    assert vars(scales.contact_to_dimensionless(law)) == vars(other)
     if isinstance(law, jp.Newton):
         assert other.restitution == 0.65
         return
@@ -122,18 +123,17 @@ def test_a_contact_law_keeps_its_force_in_other_units(law):
 def test_contact_stiffness_goes_with_the_scales_and_units_of_other_laws_are_not_guessed():
     scales = jp.Scales(mass=4.0, frequency=2.0, gravity=10.0)
     # m1 ω1² = 16 N/m, and m1 g / (g/ω1²)^1.5 = 40 / 2.5^1.5 N/m^1.5.
-    assert scales.contact_to_dimensionless(jp.KelvinVoigt(32.0, 0.5)).stiffness == 2.0
+    assert scales.contact_to_si(jp.KelvinVoigt(2.0, 0.5)).stiffness == 32.0
     hertz = scales.contact_to_si(jp.Hertz(2.0)).stiffness
     assert hertz == pytest.approx(80 / 2.5**1.5, rel=1e-14)
     slope = jax.grad(lambda s: s.contact_to_si(jp.KelvinVoigt(3.0, 0.5)).stiffness)(scales)
     assert slope.frequency == pytest.approx(2 * 3 * 4 * 2, rel=1e-14)
-    assert scales.contact_to_si(None) is scales.contact_to_dimensionless(None) is None
+    assert scales.contact_to_si(None) is None
     scales, rule = jp.Scales(1e5, 4.0), "must be a law of this package: the units of a law of one's"
-    for convert in (scales.contact_to_si, scales.contact_to_dimensionless):
-        for law in (KnownCushion(1.0), with_mass(jp.KelvinVoigt(1.0, 0.5), 1.0)):
-            refused(rf"Scales.contact_to_.*: law = .* {rule}", convert, law)
-        for law in (3.0, jp.Newton, BUILDING_1):
-            refused(r"law = .* must be of type ContactLaw or Newton", convert, law)
+    for law in (KnownCushion(1.0), with_mass(jp.KelvinVoigt(1.0, 0.5), 1.0)):
+        refused(rf"Scales.contact_to_si: law = .* {rule}", scales.contact_to_si, law)
+    for law in (3.0, jp.Newton, BUILDING_1):
+        refused(r"law = .* must be of type ContactLaw or Newton", scales.contact_to_si, law)
     own = partial(dimensionless, BUILDING_1, BUILDING_2, 6e4, 0.1, contact=KnownCushion(1.0))
     refused(rf"^Buildings\.dimensionless: links\.0\.contact = .* {rule}", own)
 
@@ -394,6 +394,5 @@ def test_scales_refuse_bad_values_and_conversions_name_the_type_they_take():
         refused(f"Scales: {name} = ", jp.Scales, **(values | {name: bad}))
     types = {"to_si": "result = .* must be of type Response or Demand"}
     types |= {"to_dimensionless": "record = .* must be of type Record"}
-    types |= {"buildings": "structures = .* must be of type AdjacentStructures"}
     for method, bad in itertools.product(types, (None, 3.0, np.ones(3), BUILDING_1)):
         refused(f"Scales.{method}: {types[method]}", getattr(jp.Scales(1e5, 4.0), method), bad)

@@ -7,22 +7,24 @@ written as a pair ([building_1], [building_2], gap, [damper], [contact]).
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from types import NoneType
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from msgspec import Meta
 
 import jaxpound as jp
 from jaxpound.cli.isolation import IsolationSection, TunedMassSection, device_of
-from jaxpound.cli.reading import Form, Section, between, each, named, of_field, refused, says
+from jaxpound.cli.reading import Form, Section, between, each, named, of_field, refused, says, shown
 from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
 from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
-from jaxpound.cli.yielding import YieldingSection, keys_of
 from jaxpound.model.building import DAMPING, PERIOD
+from jaxpound.model.parameters import paths
 from jaxpound.model.row import LinkLabels, by_face, require_floors, require_heights
-from jaxpound.model.shear_building import HEIGHT, TAPER, storeys_of
+from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER, storeys_of
 from jaxpound.model.system import is_closable
 
 _MOST = 1000  # buildings or floors: more are a typing error
@@ -52,6 +54,23 @@ _Floors = Annotated[
     says('"common" or a list of floors, counted from 1'),
 ]
 _Neighbour = Annotated[_Number | Literal["ground"], says('the number of a building, or "ground"')]
+
+_LAWS: dict[str, Any] = {"bilinear": jp.Bilinear, "bouc-wen": jp.BoucWen, "elastic": NoneType}
+_OF_STOREY = "yield_displacement"  # of each storey, by its strength
+
+_Law = Annotated[
+    Literal["bilinear", "bouc-wen"] | list[Literal["bilinear", "bouc-wen", "elastic"]],
+    says('"bilinear" or "bouc-wen", or a list of these and "elastic", one for each storey'),
+]
+_Force = Annotated[float, between(*STRENGTHS["yield_force"])]
+_Coefficient = Annotated[float, between(*STRENGTHS["base_shear_coefficient"])]
+_Drift = Annotated[float, between(*STRENGTHS["yield_drift"])]
+_Hardening = Annotated[float, of_field(jp.BoucWen, "hardening")]
+_Ultimate = Annotated[float, of_field(jp.BoucWen, "ultimate_displacement")]
+_Exponent = Annotated[float, of_field(jp.BoucWen, "exponent")]
+_Beta = Annotated[float, of_field(jp.BoucWen, "beta")]
+_Degradation = Annotated[float, of_field(jp.BoucWen, "strength_degradation")]
+_Degradations = Annotated[_Degradation | list[_Degradation], each(_Degradation)]
 
 
 class StoreySection(Section):
@@ -88,6 +107,51 @@ class StoreySection(Section):
                 return dataclasses.replace(jp.ShearBuilding.of_storeys(**values), n_tuned=n_tuned)
             n, mass = values.pop("number"), values.pop("mass")
             return jp.ShearBuilding.from_period(n, mass, **values)
+
+
+class YieldingSection(Section):
+    """A strength, a law and the law's parameters, and whether weights act at drifts.
+
+    They stand beside the keys of a building, in [[building]], [building_1] and [building_2].
+    """
+
+    yield_force: Annotated[_Force | list[_Force], each(_Force)] | None = None
+    base_shear_coefficient: _Coefficient | None = None
+    yield_drift: Annotated[_Drift | list[_Drift], each(_Drift)] | None = None
+    law: _Law | None = None
+    hardening: Annotated[_Hardening | list[_Hardening], each(_Hardening)] | None = None
+    ultimate_displacement: Annotated[_Ultimate | list[_Ultimate], each(_Ultimate)] | None = None
+    exponent: Annotated[_Exponent | list[_Exponent], each(_Exponent)] | None = None
+    beta: Annotated[_Beta | list[_Beta], each(_Beta)] | None = None
+    strength_degradation: _Degradations | None = None
+    stiffness_degradation: _Degradations | None = None
+    p_delta: bool | None = None
+
+    def yielding(self, building: jp.ShearBuilding) -> jp.ShearBuilding:
+        """A building with this strength and under its weight; a ``ValueError`` for a fault."""
+        keys_here = YieldingSection.__struct_fields__  # not those of the building
+        stated = {key: x for key, x in self.stated().items() if key in keys_here}
+        p_delta = stated.pop("p_delta", False)
+        if stated:
+            law = stated.pop("law", "bilinear")
+            laws = law if isinstance(law, list) else [law] * building.n_floors
+            if len(laws) != building.n_floors:
+                raise refused("law", f"must be one for each of {building.n_floors} storeys")
+            keys = {x: [key for key in paths(_LAWS[x]) if key != _OF_STOREY] for x in laws}
+            own = dict.fromkeys(itertools.chain(*keys.values()))
+            remedy = f"give {', '.join(own)}" if own else "leave law out, or let a storey yield"
+            rule = f"must not be given with law = {shown(law)}; {remedy}"
+            self.refuse_any({*paths(jp.BoucWen)} - own.keys(), rule)  # which has those of Bilinear
+            by_law = {"elastic": building}
+            for name in keys.keys() - by_law.keys():
+                numbers = {key: x for key, x in stated.items() if key in (*STRENGTHS, *keys[name])}
+                with named(""):
+                    by_law[name] = building.yielding(_LAWS[name], **numbers)
+            storeys = [by_law[name].storeys[i] for i, name in enumerate(laws)]
+            storeys += building.storeys[building.n_floors :]
+            building = dataclasses.replace(building, storeys=tuple(storeys))
+        with named("p_delta:"):
+            return building.with_p_delta() if p_delta else building
 
 
 class BuildingSection(YieldingSection):
@@ -269,6 +333,27 @@ def as_toml(buildings: jp.Buildings) -> str:
         lines += [f"{key} = {{{', '.join(_law(x))}}}" for key, x in laws.items() if x is not None]
         lines.append("")
     return "\n".join(lines)
+
+
+def keys_of(storeys: Sequence[jp.Building]) -> dict[str, list[Any]]:
+    """The numbers of storeys that yield by key, storey by storey; none where no storey yields.
+
+    Raises ``InvalidInput`` where a file cannot have them: storeys of another law.
+    """
+    laws: list[Any] = [storey.hysteresis for storey in storeys]
+    names = [name for law in laws for name, kind in _LAWS.items() if type(law) is kind]
+    if len(names) < len(laws):
+        rule = f"must be by a law of a file, {' or '.join(_LAWS)}"
+        raise jp.InvalidInput("hysteresis", "", rule, owner="Buildings")
+    if {*names} == {"elastic"}:
+        return {}
+    numbers: dict[str, list[Any]] = {}
+    for key in paths(jp.BoucWen):  # a storey without such a number gets that of another
+        of_key = [getattr(law, key) for law in laws if hasattr(law, key)]
+        numbers |= {key: [getattr(law, key, of_key[0]) for law in laws]} if of_key else {}
+    lengths = numbers.pop(_OF_STOREY)
+    forces = [x.stiffness * length for x, length in zip(storeys, lengths, strict=True)]
+    return {"law": names, "yield_force": forces, **numbers}
 
 
 def _lists(series: Mapping[str, Sequence[Any]]) -> list[str]:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 import jaxpound as jp
+from jaxpound._errors import renamed
 from jaxpound._tables import TextTable
 from jaxpound.cli import files
 from jaxpound.cli.reading import Count, File, Form, Numbers, Section, between, named, refused, says
@@ -43,7 +44,9 @@ class HazardTable(Section):
         """The library's ``HazardCurve``."""
         points: Any = self.intensity, self.annual_rate, "im"
         if self.file is not None:
-            points = read_hazard(file.folder / self.file, self.site, first=1)
+            path = file.folder / self.file
+            with renamed(str(path)):
+                points = read_hazard(path, self.site, first=1)
         intensity, annual_rate, measure = points
         return jp.HazardCurve(intensity, annual_rate, self.measure or measure)
 
@@ -128,7 +131,7 @@ class LifetimeRisk(NamedTuple):
     @property
     def deaggregation(self) -> jp.hazard.Deaggregation:
         """The rate by bands of intensity."""
-        return self.rate.deaggregation(bands=self.results.bands, intensity=self.column)
+        return self.rate.deaggregation(self.results.bands, intensity=self.column)
 
 
 def run(args: argparse.Namespace) -> None:

@@ -94,14 +94,16 @@ def run(args: argparse.Namespace) -> None:
     print(analysis)
     print(curve or remarks[0])
 
-    from jaxpound.plots import ida, suites
+    from jaxpound.plots import ida, studies
+    from jaxpound.plots.records import suite_spectra
     from jaxpound.plots.style import drawn
 
     figures = {"ida": drawn(ida.curves, analysis)}
-    figures["spectra"] = drawn(suites.spectra, scaled or suite)
+    figures["spectra"] = drawn(suite_spectra, scaled or suite)
     tables = [*(scaled._tables() if scaled else ()), *analysis._tables()]
     if curve is not None:
-        figures["fragility"] = drawn(ida.fragility, analysis)
+        measure = ida.in_symbols(analysis.measure)
+        figures["fragility"] = drawn(studies.fragility, curve, intensity=measure)
         tables += curve._tables()
     parts = [VERSION, *tables, *map(sentence, remarks)]
     capacities = {"record": analysis.names, "intensity_as_it_is": analysis.unscaled}
@@ -125,8 +127,7 @@ def records(
     if (to := config.target) is None:
         return suite, None
     with named(f"{file.name}: [target]"):
-        periods = natural_periods(config.buildings)
-        span: Any = _RANGES[to.code](*periods) if to.code else to.range
+        span: Any = _RANGES[to.code](*natural_periods(config.buildings)) if to.code else to.range
         target = jp.ground.TargetSpectrum(to.periods, to.accelerations, to.damping)
         chosen: Any = {"best": to.best, "least": to.least}
         scaled = suite.scaled_to(target, span, to.factors, **chosen, strict=strict)

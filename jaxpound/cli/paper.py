@@ -9,13 +9,14 @@ import jaxpound as jp
 from jaxpound._tables import TextTable
 from jaxpound.cli.files import images, make_folder, write_files
 
+_FIGURES = ("ground_motion", "displacements", "velocities", "gap", "friction_force", "rod_forces")
+
 PAPER_SCHEME_ERROR = -6.4e-4  # of min(x2 − x1) by the paper's own scheme at its own step
 
 
 def run(args: argparse.Namespace) -> None:
     """Run the command."""
     from jaxpound import plots
-    from jaxpound.plots.runs import PAPER
     from jaxpound.plots.style import drawn
 
     make_folder(args.out)
@@ -23,7 +24,7 @@ def run(args: argparse.Namespace) -> None:
     response = jp.simulate(*case)
     by_paper_scheme = float(jp.demand(*case, jp.PAPER_SCHEME).min_gap) - case[0].initial_gap
     print(page(response, by_paper_scheme, case[0].initial_gap))
-    figures = {draw.__name__: drawn(draw, response) for draw in (plots.overview, *PAPER)}
+    figures = {name: drawn(getattr(plots, name), response) for name in ("overview", *_FIGURES)}
     write_files(args.out, images(figures, args.pdf))
 
 

@@ -179,19 +179,6 @@ class VariableBounds(Section):
         return VariableBounds(1 / self.high, 1 / self.low, self.scale) if self.low else None
 
 
-def uncertain_structures(
-    place: str, table: Mapping[str, Any], parameters: Parameters, correlation: float | None = None
-) -> jp.UncertainStructures:
-    """Buildings whose parameters are multiples of the stated ones by random factors."""
-    multiples, keys = multiples_of(place, table, parameters)
-    with named(place, keys), warnings.catch_warnings(record=True) as doubts:
-        warnings.simplefilter("always", jp.PlausibilityWarning)
-        uncertain = jp.UncertainStructures(parameters.buildings, multiples, correlation)
-    said = [by_key(str(x.message), keys).partition(": ")[2] for x in doubts]
-    warn([f"{place} {x}" for x in said])
-    return uncertain
-
-
 class Uncertain(Shaken, kw_only=True):
     """Buildings under random earthquakes, some of whose parameters may be random too."""
 
@@ -201,14 +188,19 @@ class Uncertain(Shaken, kw_only=True):
         self, file: File, correlation: float | None = None
     ) -> tuple[jp.Scenarios, jp.TimeGrid]:
         """The buildings in the random earthquakes, with what is uncertain; and the grid."""
-        structures: Any = self.buildings
         ground, grid = self.shaking(file)
-        if self.uncertain:
-            place, parameters = f"{file.name}: [uncertain]", Parameters(self.layout)
-            structures = uncertain_structures(place, self.uncertain, parameters, correlation)
-        elif not ground.dimension:
-            rule = "[uncertain], a factor on the record, or several records"
-            raise ValueError(f"{file.name}: nothing is random; it must have {rule}")
+        if not self.uncertain:
+            if not ground.dimension:
+                rule = "[uncertain], a factor on the record, or several records"
+                raise ValueError(f"{file.name}: nothing is random; it must have {rule}")
+            return jp.Scenarios(self.buildings, ground), grid
+        place = f"{file.name}: [uncertain]"
+        multiples, keys = multiples_of(place, self.uncertain, Parameters(self.layout))
+        with named(place, keys), warnings.catch_warnings(record=True) as doubts:
+            warnings.simplefilter("always", jp.PlausibilityWarning)
+            structures = jp.UncertainStructures(self.buildings, multiples, correlation)
+        said = [by_key(str(x.message), keys).partition(": ")[2] for x in doubts]
+        warn([f"{place} {x}" for x in said])
         return jp.Scenarios(structures, ground), grid
 
 

@@ -13,7 +13,7 @@ from jaxpound.cli.buildings import OF_STOREYS, BuildingSection, BuildingsLayout,
 from jaxpound.cli.reading import File, Form, Range, Section, named, refused
 from jaxpound.cli.tables import ContactSection, Earthquakes, Gap, RunSection, read_records
 from jaxpound.model.places import link_places
-from jaxpound.scenarios.ground_draw import GroundDraw
+from jaxpound.scenarios.random_ground import GroundDraw
 from jaxpound.simulation.scheme import require_local_flow
 from jaxpound.simulation.time_steps import record_grid
 

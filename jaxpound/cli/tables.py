@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
+from inspect import signature
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
 
@@ -13,21 +14,12 @@ import numpy as np
 from msgspec import Meta
 
 import jaxpound as jp
+from jaxpound._checks import Range
 from jaxpound.cli import reading
-from jaxpound.cli.reading import (
-    Count,
-    Form,
-    Range,
-    Section,
-    between,
-    named,
-    of_field,
-    refused,
-    says,
-)
+from jaxpound.cli.reading import Count, Form, Section, between, named, of_field, refused, says
 from jaxpound.model.plausibility import FRICTION, GAP
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
-from jaxpound.scenarios.ground_draw import GroundDraw
+from jaxpound.scenarios.random_ground import GroundDraw
 from jaxpound.simulation.time_steps import DURATION
 
 Gap = Annotated[float, between(*GAP)]
@@ -65,17 +57,17 @@ def of_faces(gap: float | list[float] | None) -> Any:
 
 
 class OfClass(Section):
-    """A table whose first key names a class of the library; the fields of the class are keys."""
+    """A table whose first key names a class of the library; the class's parameters are keys."""
 
     CLASSES: ClassVar[dict[str, Any]]
 
     def __post_init__(self) -> None:
         key = self.__struct_fields__[0]
         by_name = f'{key} = "{getattr(self, key)}"'
-        fields = {name: dataclasses.fields(kind) for name, kind in self.CLASSES.items()}
-        own = [x for x in fields[getattr(self, key)] if x.name in self.__struct_fields__]
-        keys = {field.name: field.default is dataclasses.MISSING for field in own}
-        others = {field.name for several in fields.values() for field in several} - keys.keys()
+        fields = {name: signature(kind).parameters for name, kind in self.CLASSES.items()}
+        own = fields[getattr(self, key)].values()
+        keys = {x.name: x.default is x.empty for x in own if x.name in self.__struct_fields__}
+        others = {*itertools.chain(*fields.values())} - keys.keys()
         give = f"; give {', '.join(keys)}" if keys else ""
         self.refuse_any(others, f"must not be given with {by_name}{give}")
         self.require_all(filter(keys.get, keys), f", which {by_name} needs")
@@ -85,8 +77,7 @@ class OfClass(Section):
     def model(self) -> Any:
         """The library's object, in SI units."""
         kind, stated = self.CLASSES[getattr(self, self.__struct_fields__[0])], self.stated()
-        names = [field.name for field in dataclasses.fields(kind)]
-        return kind(**{key: x for key, x in stated.items() if key in names})
+        return kind(**{key: x for key, x in stated.items() if key in signature(kind).parameters})
 
 
 class ContactSection(OfClass):

@@ -6,13 +6,11 @@ from .design import Design as Design
 from .elasticity import Elasticities as Elasticities
 from .elasticity import elasticities as elasticities
 from .ensemble import Ensemble as Ensemble
-from .goals import CVaR as CVaR
 from .goals import GapAtRest as GapAtRest
 from .goals import LeastDemand as LeastDemand
-from .goals import MeanGap as MeanGap
 from .goals import PoundingProbability as PoundingProbability
+from .goals import SmallestGap as SmallestGap
 from .goals import SoftMinimum as SoftMinimum
-from .goals import WorstGap as WorstGap
 from .objective import Limit as Limit
 from .objective import Objective as Objective
 from .objective import Penalty as Penalty

@@ -76,7 +76,7 @@ class Comparison(Shown):
     def objective(self) -> dict[str, Estimate]:
         """Objective before, after, and after less before, with bootstrap intervals.
 
-        They are not reliable for a goal that one earthquake decides (``WorstGap``).
+        They are not reliable for a goal that one earthquake decides (``SmallestGap("worst")``).
         """
         from scipy import stats  # only here: it takes a second to import
 
@@ -265,12 +265,12 @@ class Design(Shown):
     @property
     def values(self) -> dict[str, float]:
         """The variables by path."""
-        return {path: float(x) for path, x in self.space.numbers(self.shares).items()}
+        return {path: float(x) for path, x in self.space.values(self.shares).items()}
 
     @property
     def start(self) -> dict[str, float]:
         """The variables by path, before (at the first start)."""
-        return {path: float(x) for path, x in self.space.numbers(self._first).items()}
+        return {path: float(x) for path, x in self.space.values(self._first).items()}
 
     def compare(self, ensemble: Ensemble) -> Comparison:
         """Before and after on other earthquakes."""
@@ -302,7 +302,7 @@ class Design(Shown):
             limited = problem.limited(shares[place], columns, self._log_ratios)
             objective[place] = float(function.value(columns))
             violation[place] = (np.asarray(limited) / limits - 1).max(initial=-1.0)
-        values = self.space.numbers(shares)
+        values = jax.device_get(self.space.values(shares))
         return Landscape(x, y, values[x], values[y], objective, violation)
 
     def _tables(self) -> list[TextTable]:

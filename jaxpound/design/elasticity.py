@@ -16,8 +16,8 @@ from jaxpound.design.goals import gathered, require_over
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import pga
 from jaxpound.ground.motion import GroundLike
-from jaxpound.ground.plausibility import excessive, first_of, of_many, unseen
-from jaxpound.ground.run_input import all_in_g, as_run
+from jaxpound.ground.plausibility import excessive, of_many, unseen
+from jaxpound.ground.run_input import as_run
 from jaxpound.model.parameters import get, paths, put
 from jaxpound.model.system import Structures, gravity_of, in_si
 from jaxpound.model.topology import Topology
@@ -93,8 +93,7 @@ def elasticities(
     require_over(over)
     gravity = gravity_of(structures)
     if isinstance(ground, Ensemble):
-        ensemble, first = ground, first_of(len(ground), grid)
-        several = all_in_g(jax.tree.map(lambda x: x[:first], ground.grounds), gravity)
+        ensemble, several = ground, ground.first_in_g(grid, gravity)
         findings = of_many(several, grid, in_g=gravity is not None)
     else:
         ensemble = Ensemble.of([ground], grid)

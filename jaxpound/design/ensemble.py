@@ -16,8 +16,9 @@ from jaxpound._checks import count, instance, require_memory
 from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, records_in, require_ground
+from jaxpound.ground.plausibility import first_of
 from jaxpound.ground.record import Record, derived
-from jaxpound.ground.run_input import sampled
+from jaxpound.ground.run_input import all_in_g, sampled
 from jaxpound.ground.wavelets import Ricker
 from jaxpound.model.parameters import get, paths
 from jaxpound.scenarios.sampling import as_key, key_numbers, points, require_sampling
@@ -143,6 +144,11 @@ class Ensemble:
     def ground(self, i: int) -> Ground:
         """The ground motion with an index."""
         return jax.tree.map(lambda x: x[i], self.grounds)
+
+    def first_in_g(self, grid: TimeGrid, gravity: Any) -> Ground:
+        """As many of the first ground motions as are judged before a run, in g."""
+        n = first_of(len(self), grid)
+        return all_in_g(jax.tree.map(lambda x: x[:n], self.grounds), gravity)
 
     def __repr__(self) -> str:
         uncertain = f", with uncertain {', '.join(self.uncertain)}" if self.uncertain else ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -13,37 +13,35 @@ from jax.scipy.special import logsumexp, ndtr
 from jaxpound._checks import require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, parameter
-from jaxpound.results.named import kind_of, require_limited
+from jaxpound.results.named import require_limited
 
 
-@runtime_checkable
-class Goal(Protocol):
-    """A function of the smallest gaps in all earthquakes, which a search maximises.
+@dataclasses.dataclass(frozen=True)
+class SmallestGap:
+    """A statistic of the smallest gaps.
 
-    Of several links, the smallest gap is that of all of them, and the gap at rest is the mean of
-    those that are finite.
+    Parameters
+    ----------
+    over
+        Over the earthquakes: "mean", "worst" (the smallest gap of all), or a share between 0 and 1
+        for the mean of the worst: 0.1 for that of the smallest tenth, the conditional value at risk
+        (Rockafellar and Uryasev 2000).
+
+    Examples
+    --------
+    >>> gaps = np.array([0.1, 0.4, 0.2, 0.3])
+    >>> round(float(jp.SmallestGap(over=0.5)(gaps, np.ones(4))), 6)  # mean of the smaller half
+    0.15
     """
 
-    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
-        """The goal's value for smallest gaps and gaps at rest, shape (n,) each."""
+    over: str | float = "mean"
 
-
-@dataclasses.dataclass(frozen=True)
-class MeanGap:
-    """Mean of the smallest gaps."""
+    def __post_init__(self) -> None:
+        require_over(self.over)
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
-        """Their mean."""
-        return jnp.mean(gaps)
-
-
-@dataclasses.dataclass(frozen=True)
-class WorstGap:
-    """Smallest gap of all earthquakes."""
-
-    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
-        """The smallest."""
-        return gaps[jnp.argmin(gaps)]
+        """The statistic."""
+        return -gathered(-gaps, self.over)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,29 +69,6 @@ class SoftMinimum(Checked):
         """Their soft minimum."""
         t = self.temperature
         return -t * (logsumexp(-gaps / t) - jnp.log(gaps.size))
-
-
-@dataclasses.dataclass(frozen=True)
-class CVaR(Checked):
-    """Conditional value at risk (Rockafellar and Uryasev 2000): mean of the worst share of gaps.
-
-    Parameters
-    ----------
-    share
-        Between 0 and 1: 0.1 for the mean of the smallest tenth.
-
-    Examples
-    --------
-    >>> gaps = np.array([0.1, 0.4, 0.2, 0.3])
-    >>> round(float(jp.design.CVaR(0.5)(gaps, np.ones(4))), 6)  # mean of the smaller half
-    0.15
-    """
-
-    share: float = parameter(above=0, below=1, single=True, default=0.1)
-
-    def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
-        """The mean of the smallest."""
-        return -tail_mean(-gaps, self.share)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,18 +130,9 @@ class LeastDemand:
         require_limited(self.demand, "")
         require_over(self.over)
 
-    @property
-    def quantity(self) -> str | None:
-        """Kind of quantity of the demand."""
-        return kind_of(self.demand)
-
     def value(self, demands: Mapping[str, Any]) -> jax.Array:
         """Minus the demand over the earthquakes, from columns of demands by name."""
         return -gathered(demands[self.demand], self.over)
-
-    def size(self, demands: Mapping[str, Any]) -> Any:
-        """Order of magnitude of the goal, from columns of demands."""
-        return -self.value(demands)
 
 
 def require_over(over: Any) -> None:

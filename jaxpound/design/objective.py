@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -13,8 +13,8 @@ import numpy as np
 from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import Checked, parameter
-from jaxpound.design.goals import Goal, LeastDemand, MeanGap, gathered, require_over
-from jaxpound.results.named import REQUIRED_GAP, require_limited
+from jaxpound.design.goals import LeastDemand, SmallestGap, gathered, require_over
+from jaxpound.results.named import REQUIRED_GAP, kind_of, require_limited
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Limit(Checked):
         gap with a probability, which is then that of pounding: that any link closes its own gap.
     over
         Statistic over the earthquakes: "worst", "mean", or a share between 0 and 1 for the mean of
-        the worst (``CVaR``). Not with a probability.
+        the worst. Not with a probability.
     probability
         Largest probability, between 0 and 1, with which the demand reaches ``at_most`` in a random
         earthquake, however rare: it is found by ``rare_event``, not from the ensemble.
@@ -54,8 +54,7 @@ class Limit(Checked):
         super().__post_init__()
         require_over(self.over)
         if self.at_most is None and self.probability is None:
-            rule = "must be a number where there is no probability"
-            raise InvalidInput("at_most", "None", rule)
+            raise InvalidInput("at_most", "None", "must be a number where there is no probability")
         if self.probability is not None and self.over != "worst":
             rule = "must be left out with a probability, which is of a single earthquake"
             raise InvalidInput("over", repr(self.over), rule)
@@ -131,8 +130,10 @@ class Objective:
     Parameters
     ----------
     goal
-        ``MeanGap``, ``WorstGap``, ``SoftMinimum``, ``CVaR``, ``PoundingProbability``,
-        ``GapAtRest``, any traceable function of gaps and initial gaps, or ``LeastDemand``.
+        ``SmallestGap``, ``SoftMinimum``, ``PoundingProbability``, ``GapAtRest``, any traceable
+        function of the smallest gaps in all earthquakes and of the gaps at rest, shape (n,) each,
+        or ``LeastDemand``. Of several links, the smallest gap is that of all of them, and the gap
+        at rest is the mean of those that are finite.
     penalties
         By penalised demand: ``{"peak_f1": Penalty(0.5)}``; a number is the weight of the mean.
     limits
@@ -156,14 +157,14 @@ class Objective:
 
     Examples
     --------
-    >>> objective = jp.Objective(jp.design.CVaR(0.1), {"peak_f1": 0.6}, {"damper_force": 0.3})
+    >>> objective = jp.Objective(jp.SmallestGap(0.1), {"peak_f1": 0.6}, {"damper_force": 0.3})
     >>> objective.penalties
     {'peak_f1': Penalty(weight=0.6, over='mean')}
     >>> objective.limits
     {'damper_force': Limit(at_most=0.3, over='worst', probability=None)}
     """
 
-    goal: Goal | LeastDemand = MeanGap()
+    goal: Callable[[jax.Array, jax.Array], jax.Array] | LeastDemand = SmallestGap()
     penalties: Mapping[str, Penalty] = dataclasses.field(default_factory=dict)
     limits: Mapping[str, Limit] = dataclasses.field(default_factory=dict)
 
@@ -191,11 +192,6 @@ class Objective:
             object.__setattr__(self, name, checked)
 
     @property
-    def needs_gap(self) -> bool:
-        """Whether it is for structures with a gap that can close."""
-        return not isinstance(self.goal, LeastDemand)
-
-    @property
     def demand(self) -> str:
         """The demand that the goal is of: ``min_gap``, or that of ``LeastDemand``."""
         return self.goal.demand if isinstance(self.goal, LeastDemand) else "min_gap"
@@ -204,14 +200,14 @@ class Objective:
     def quantity(self) -> str | None:
         """The goal's kind of quantity; None for a pure number, a goal of gaps with a ``size``."""
         if isinstance(self.goal, LeastDemand):
-            return self.goal.quantity
+            return kind_of(self.goal.demand)
         return "length" if getattr(self.goal, "size", None) is None else None
 
     def size(self, demands: Mapping[str, Any]) -> float:
         """Order of magnitude of the goal in columns of demands, 1 where they have none."""
         size = getattr(self.goal, "size", None)
         if isinstance(self.goal, LeastDemand):
-            size = self.goal.size(demands)
+            size = -self.goal.value(demands)
         elif size is None:
             size = jnp.mean(demands["initial_gap"] - demands["min_gap"])
         return float(size) if 0 < float(size) < float("inf") else 1.0

@@ -98,8 +98,7 @@ def pareto_front(
     name, allowed = "limited_demand", limitable_demands(space.nominal.system())
     require_one_of(limited_demand, allowed, name)
     if limited_demand in objective.limits:
-        rule = "must not be limited by the objective"
-        raise InvalidInput(name, repr(limited_demand), rule)
+        raise InvalidInput(name, repr(limited_demand), "must not be limited by the objective")
     instance("search", search, DesignSearch)
     number, bounds = 0, []
     if isinstance(limits, Iterable) and not isinstance(limits, str):

@@ -19,20 +19,12 @@ from jaxpound.design.goals import LeastDemand, PoundingProbability
 from jaxpound.design.objective import Objective
 from jaxpound.design.space import DesignSpace
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ground
-from jaxpound.ground.run_input import all_in_g, require_time_unit
+from jaxpound.ground.run_input import require_time_unit
 from jaxpound.model.contact import Newton
-from jaxpound.model.system import Link, common_gap, gravity_of, in_si, is_closable
+from jaxpound.model.system import Link, common_gap, in_si, is_closable
 from jaxpound.reliability.result import RareEvent
+from jaxpound.results import named
 from jaxpound.results.elements import of_link
-from jaxpound.results.named import (
-    inertances,
-    is_zero_by_newton,
-    limitable_demands,
-    limited_values,
-    quantity_named,
-    viscous_forces,
-)
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme, single_system
 
@@ -99,8 +91,7 @@ class DesignProblem:
         kinds = (DesignSpace, Ensemble, TimeGrid, Scheme, Objective)
         for field, kind in zip(dataclasses.fields(self), kinds, strict=True):
             instance(field.name, getattr(self, field.name), kind)
-        nominal = self.space.nominal
-        single_system(nominal)
+        single_system(self.space.nominal)
         require_time_unit("ensemble", self.ensemble, si=self.si)
         self.space.require_certain(self.ensemble.uncertain)
         with renamed("objective"):
@@ -110,12 +101,12 @@ class DesignProblem:
         """An ``InvalidInput`` for an objective that is not one of these structures."""
         objective, goal = self.objective, self.objective.goal
         of_goal = [goal.demand] if isinstance(goal, LeastDemand) else []
-        named: dict[str, Any] = {"penalties": objective.penalties, "limits": objective.limits}
-        for place, names in {**named, "goal": of_goal}.items():
+        places: Any = {"penalties": objective.penalties, "limits": objective.limits}
+        for place, names in {**places, "goal": of_goal}.items():
             for name in names:
                 if rule := self._refusal(name):
                     raise InvalidInput(f"{name!r} in {place}", "", rule)
-        if objective.needs_gap and not self._closable:
+        if not (of_goal or self._closable):
             rule = "must not be of gaps where no link has a finite one"
             raise InvalidInput("goal", repr(goal), f"{rule}; LeastDemand is of a response")
         if isinstance(goal, PoundingProbability):
@@ -135,10 +126,10 @@ class DesignProblem:
         """The rule that a demand breaks which the structures do not have; empty if they have it."""
         laws = {type(link.contact) for link in self._links if link.contact is not None}
         if demand in {*self.limitable, *self.objective.rare}:
-            by_newton = laws == {Newton} and is_zero_by_newton(demand)
+            by_newton = laws == {Newton} and named.is_zero_by_newton(demand)
             instead = "peak_impulse is what they have"
             return f"must not be by Newton's law, whose impacts have none; {instead}" * by_newton
-        if getattr(quantity_named(demand), "only", "") == "contact" and not laws:
+        if getattr(named.quantity_named(demand), "only", "") == "contact" and not laws:
             return "must be of structures with a contact law"
         return f"must be one of {', '.join(self.limitable)}"
 
@@ -146,11 +137,6 @@ class DesignProblem:
     def si(self) -> bool:
         """Whether all numbers are in SI units, as the structures are."""
         return in_si(self.space.nominal)
-
-    def first_grounds(self, n: int) -> Ground:
-        """The first n ground motions, in g."""
-        grounds = jax.tree.map(lambda x: x[:n], self.ensemble.grounds)
-        return all_in_g(grounds, gravity_of(self.space.nominal))
 
     @property
     def _links(self) -> Sequence[Link]:
@@ -164,7 +150,7 @@ class DesignProblem:
     @cached_property
     def limitable(self) -> tuple[str, ...]:
         """Names of the demands of the structures that may be limited or penalised."""
-        return limitable_demands(self.space.nominal.system())
+        return named.limitable_demands(self.space.nominal.system())
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
@@ -178,8 +164,8 @@ class DesignProblem:
         response, system = demand(structures, ground, self.grid, self.scheme), structures.system()
         gaps = [system.links[k].gap for k in self._closable]
         frictions = [link.friction for link in system.links]
-        amounts = frictions, viscous_forces(system), inertances(system)
-        columns = limited_values(system, response, *amounts)
+        amounts = frictions, named.viscous_forces(system), named.inertances(system)
+        columns = named.limited_values(system, response, *amounts)
         if gaps:
             columns |= {"initial_gap": sum(gaps) / len(gaps)}
         return {name: jnp.asarray(columns[name], response.min_gap.dtype) for name in self.columns}

@@ -113,7 +113,7 @@ class RareLimits:
         return RareEstimates(events, LogRatios(*(np.asarray(x, scaled.dtype) for x in numbers)))
 
     def _event(self, name: str, scaled: np.ndarray) -> RareEvent:
-        changes = {path: float(x) for path, x in self.problem.space.numbers(scaled).items()}
+        changes = {path: float(x) for path, x in self.problem.space.values(scaled).items()}
         descent, save = self.descent, self.descent.save
         store = None if save is None else save.with_suffix(".events") / f"{self.made}-{name}"
         self.made += 1

@@ -21,8 +21,8 @@ from jaxpound.design.rare_limits import limit_states, search_in_rounds
 from jaxpound.design.search import Descent, DesignSearch
 from jaxpound.design.space import DesignSpace, start_shares
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import first_of, of_many
-from jaxpound.model.system import Structures
+from jaxpound.ground.plausibility import of_many
+from jaxpound.model.system import Structures, gravity_of
 from jaxpound.simulation.scheme import Scheme, imprecise
 from jaxpound.study.demands import unreached
 
@@ -94,8 +94,7 @@ def design_damper(
     0.3
     """
     problem = DesignProblem(space, ensemble, grid, scheme, objective)
-    designer = Designer(problem, search, save, progress, strict)
-    return designer.design(search.start, fresh=fresh)
+    return Designer(problem, search, save, progress, strict).design(search.start, fresh=fresh)
 
 
 class Designer:
@@ -124,9 +123,10 @@ class Designer:
         size = search.starts * each * jnp.zeros(()).dtype.itemsize
         require_memory("starts", search.starts, size)
         self.states = limit_states(problem)
-        grounds = problem.first_grounds(first_of(n, problem.grid))
+        nominal = problem.space.nominal
+        grounds = problem.ensemble.first_in_g(problem.grid, gravity_of(nominal))
         unresolved = of_many(grounds, problem.grid, in_g=problem.si)
-        findings = imprecise(problem.space.nominal.system(), problem.grid, grounds)
+        findings = imprecise(nominal.system(), problem.grid, grounds)
         warn(findings + unresolved, strict)
         steps = optax.cosine_decay_schedule(0.2, search.iterations)
         optimiser = search.optimiser or optax.adam(steps, b1=0.8, b2=0.9)

@@ -206,7 +206,7 @@ class Descent:
             bar.set_postfix({"objective": f"{reported:.5g}"}, refresh=False)
         if self.search.callback is None:
             return False
-        values = self.lagrangian.problem.space.numbers(point.scaled)
+        values = jax.device_get(self.lagrangian.problem.space.values(point.scaled))
         progress = Progress(len(history), point.objective, point.violation, values, reported)
         stop = self.search.callback(progress)
         return isinstance(stop, bool | np.bool_) and bool(stop)
@@ -234,7 +234,7 @@ class Descent:
         if best.infeasible.all():
             return reason
         i = best_start(best)
-        values = problem.space.numbers(best.scaled[i])
+        values = problem.space.values(best.scaled[i])
         listed = ", ".join(f"{path} = {float(x):.6g}" for path, x in values.items())
         return f"{reason}; the best before was {float(best.objective[i]):.6g} at {listed}"
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._checks import Rule, enforce, instance, number
 from jaxpound._errors import InvalidInput, renamed
@@ -136,17 +136,12 @@ class DesignSpace:
         """Number d of variables."""
         return len(self.variables)
 
-    def values(self, shares: Float[Array, " d"]) -> dict[str, Any]:
-        """The variables by path, from scaled variables between 0 and 1."""
+    def values(self, shares: ArrayLike) -> dict[str, Any]:
+        """The variables by path, (...) each, from scaled variables between 0 and 1, (..., d)."""
         values: dict[str, Any] = {}
-        for path, share in zip(self.names, shares, strict=True):
+        for path, share in zip(self.names, jnp.moveaxis(jnp.asarray(shares), -1, 0), strict=True):
             values[path] = self.variables[path].value(share, self._low(path, values))
         return values
-
-    def numbers(self, shares: np.ndarray) -> dict[str, np.ndarray]:
-        """``values`` of any number of designs: from shape (..., d) to numbers of shape (...)."""
-        values = self.values(jnp.moveaxis(jnp.asarray(shares), -1, 0))
-        return {path: np.asarray(x) for path, x in values.items()}
 
     def structures(
         self, shares: Float[Array, " d"], others: Mapping[str, Any] | None = None
@@ -188,8 +183,7 @@ class DesignSpace:
                 raise InvalidInput(path, "", "must not be both chosen and uncertain")
             for other in self.names:
                 if path == lower(self.nominal, other) or other == lower(self.nominal, path):
-                    rule = f"must not be chosen where {path} is uncertain"
-                    raise InvalidInput(other, "", rule)
+                    raise InvalidInput(other, "", f"must not be chosen where {path} is uncertain")
 
     def _low(self, path: str, values: Mapping[str, Any]) -> Any:
         """The lower bound, raised to the parameter that bounds this one from below."""

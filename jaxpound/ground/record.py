@@ -92,12 +92,10 @@ class Record(motion.GroundMotion):
             raise InvalidInput(name, "", f"{rule} with at least two samples")
         if units is not None:
             samples = samples * (UNITS[stated_unit(units)] / STANDARD_GRAVITY)
-        object.__setattr__(self, "samples", samples)
         if not isinstance(name, str):
             raise InvalidInput("name", repr(name), "must be a string")
-        object.__setattr__(self, "dt", number("dt", dt))
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "time_unit", motion.time_unit_of(time_unit))
+        vars(self).update(samples=samples, dt=number("dt", dt), name=name)
+        vars(self).update(time_unit=motion.time_unit_of(time_unit))
         check(self)
         if self.time_unit == motion.SECONDS and not is_traced((samples, self.dt)):
             doubts = of_samples(np.asarray(samples), float(self.dt), stated=units is not None)

@@ -131,9 +131,8 @@ class TargetSpectrum(Shown):
             shapes = f"periods {periods.shape} and accelerations {accelerations.shape}"
             raise InvalidInput(shapes, "", "must be of one shape, (m,) with m ≥ 2")
         enforce([Rule("periods", periods, np.diff(periods, prepend=-1.0) > 0, "rising")])
-        object.__setattr__(self, "periods", periods)
-        object.__setattr__(self, "accelerations", accelerations)
-        object.__setattr__(self, "damping", float(self.damping))
+        numbers = {"periods": periods, "accelerations": accelerations}
+        vars(self).update(numbers, damping=float(self.damping))
 
     @classmethod
     def en_1998(
@@ -218,49 +217,37 @@ class TargetSpectrum(Shown):
         return [TextTable(title, ("", "period", "acceleration (g)"), rows, digits=4)]
 
 
-class FactorBounds(NamedTuple):
-    """Bounds of the factors."""
+def fitted_factors(
+    ratios: np.ndarray, bounds: tuple[float, float], best: int | None, least: float | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the records to keep, and the factor of each.
 
-    low: float
-    high: float
+    ``ratios`` are those of the target to each record's spectrum, shape (n, m).
+    """
+    low, high = bounds
+    enforce([Rule("factors", high, high >= low, f"at least the lower bound, {low:g}")])
+    # Σ (ln factor − ln ratio)² is least at the vertex of a parabola or the nearest bound.
+    factors = np.clip(np.exp(np.log(ratios).mean(axis=1)), low, high)
+    selected = np.arange(len(ratios))
+    if best is not None:
+        errors = _misfit(np.log(factors[:, None] / ratios))
+        selected = np.sort(np.argsort(errors, kind="stable")[:best])
+    ratios, factors = ratios[selected], factors[selected]
+    if least is None:
+        return selected, factors
+    from scipy.optimize import brentq
 
-    @classmethod
-    def of(cls, factors: Any) -> FactorBounds:
-        """A pair of numbers as bounds; an ``InvalidInput`` for anything else."""
-        low, high = bounds("factors", factors, "bounds")
-        rule = f"at least the lower bound, {low:g}"
-        enforce([Rule("factors", high, high >= low, rule)])
-        return cls(low, high)
+    def shortfall(common: float) -> float:  # of all factors times one
+        mean = np.mean(np.minimum(common * factors, high)[:, None] / ratios, axis=0)
+        return float(mean.min() - least)
 
-    def fit(
-        self, ratios: np.ndarray, best: int | None, least: float | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of the records to keep, and the factor of each.
-
-        ``ratios`` are those of the target to each record's spectrum, shape (n, m).
-        """
-        # Σ (ln factor − ln ratio)² is least at the vertex of a parabola or the nearest bound.
-        factors = np.clip(np.exp(np.log(ratios).mean(axis=1)), *self)
-        selected = np.arange(len(ratios))
-        if best is not None:
-            errors = _misfit(np.log(factors[:, None] / ratios))
-            selected = np.sort(np.argsort(errors, kind="stable")[:best])
-        ratios, factors = ratios[selected], factors[selected]
-        if least is None:
-            return selected, factors
-        from scipy.optimize import brentq
-
-        def shortfall(common: float) -> float:  # of all factors times one
-            mean = np.mean(np.minimum(common * factors, self.high)[:, None] / ratios, axis=0)
-            return float(mean.min() - least)
-
-        common, most = 1.0, self.high / factors.min()
-        if shortfall(common) < 0:  # the smallest that reaches ``least``
-            if (reached := shortfall(most)) < 0:
-                largest = f"{reached + least:.4g}, which factors of {self.high:g} reach"
-                raise InvalidInput("least", f"{least:g}", f"must be at most {largest}")
-            common = brentq(shortfall, 1.0, most, xtol=1e-13, rtol=1e-13)
-        return selected, np.minimum(common * factors, self.high)
+    common, most = 1.0, high / factors.min()
+    if shortfall(common) < 0:  # the smallest that reaches ``least``
+        if (reached := shortfall(most)) < 0:
+            largest = f"{reached + least:.4g}, which factors of {high:g} reach"
+            raise InvalidInput("least", f"{least:g}", f"must be at most {largest}")
+        common = brentq(shortfall, 1.0, most, xtol=1e-13, rtol=1e-13)
+    return selected, np.minimum(common * factors, high)
 
 
 def _misfit(logarithms: Any) -> Any:
@@ -284,7 +271,7 @@ class ScaledSuite(Shown):
     accelerations: np.ndarray
     """Spectral acceleration of each scaled record at these periods, g, shape (n, m)."""
     bounds: tuple[float, float]
-    """Bounds of the factors, ``low`` and ``high``."""
+    """Bounds of the factors, low and high."""
 
     @property
     def mean(self) -> np.ndarray:

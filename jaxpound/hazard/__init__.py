@@ -1,9 +1,9 @@
 """Seismic hazard: annual rates of pounding, and analyses of recorded earthquakes.
 
 ``curve`` is a site's hazard curve, ``points`` its points and their files; ``annual_rate`` is the
-rate of pounding that follows from it. An ``analysis`` is buildings under records: ``ida`` scales
-these until a demand reaches its threshold; ``stripes`` and ``cloud`` are the two other ways from
-records to a fragility, which ``capacities`` fits. ``suite_runs`` has the runs of all three.
+rate of pounding that follows from it. An ``analysis`` is buildings under records, with its runs:
+``ida`` scales these until a demand reaches its threshold; ``stripes`` and ``cloud`` are the two
+other ways from records to a fragility, which ``capacities`` fits.
 """
 
 import lazy_loader

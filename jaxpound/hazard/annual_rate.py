@@ -94,11 +94,7 @@ class AnnualRate(Shown):
         return Estimate(value, low, high, self.confidence)
 
     def deaggregation(
-        self,
-        edges: ArrayLike | None = None,
-        *,
-        bands: int = 20,
-        intensity: str | ArrayLike | None = None,
+        self, bands: int | ArrayLike = 20, *, intensity: str | ArrayLike | None = None
     ) -> Deaggregation:
         """From which intensities the rate comes.
 
@@ -106,27 +102,25 @@ class AnnualRate(Shown):
 
         Parameters
         ----------
-        edges
-            Edges of the bands, shape (n,), rising, ≥ 0; ∞ is allowed. By default bands of one ratio
-            that hold all but 0.1 % of the rate at either end, or all samples that pound.
         bands
-            Number of bands, if there are no edges.
+            Number of bands, of one ratio, that hold all but 0.1 % of the rate at either end, or all
+            samples that pound; or their edges, shape (n,), rising, ≥ 0; ∞ is allowed.
         intensity
             Of a study: a column (by default "pga"), a parameter that its scenarios draw, or a
             number for each sample, shape (n,). Of a ``RareEvent``: a parameter or a number for each
             sample. None for a fragility.
         """
-        n = count("bands", bands)
+        n = 0 if np.ndim(bands) else count("bands", bands)
         if self._source is None:
             rule = "must be of a fragility, a study or a rare event, not of an estimate"
             raise InvalidInput("the rate", "", rule)
         if not self.value > 0:
             raise InvalidInput(f"the rate, {self.value:g} a year,", "", "must be positive")
         source = self._source(intensity)
-        ends = source.edges(n) if edges is None else array("edges", edges, (-1,))
-        enforce([Rule("number of edges", ends.size, ends.size > 1, "2 or more")])
+        ends = source.edges(n) if n else array("bands", bands, (-1,))
+        enforce([Rule("bands: number of edges", ends.size, ends.size > 1, "2 or more")])
         rises = np.r_[ends[0] >= 0, np.diff(ends) > 0]
-        enforce([Rule("edges", ends, rises, "at least 0 and larger than the one before")])
+        enforce([Rule("bands", ends, rises, "at least 0 and larger than the one before")])
         rate, cov = source.per_band(ends)
         return Deaggregation(ends, rate, self.value, source.measure, cov, self.event)
 
@@ -278,8 +272,7 @@ class SamplesRate:
 
     def __post_init__(self) -> None:
         if not (x := self.intensity[self.hits]).size:
-            rule = "must pound, for the rate to have intensities"
-            raise InvalidInput("a sample", "", rule)
+            raise InvalidInput("a sample", "", "must pound, for the rate to have intensities")
         valid = (x > 0) & np.isfinite(x)
         enforce([Rule("intensity", x, valid, "positive and finite in samples that pound")])
 

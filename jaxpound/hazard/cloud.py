@@ -11,9 +11,8 @@ from jaxtyping import ArrayLike
 from jaxpound._checks import Rule, array, enforce, positive, positive_number
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
-from jaxpound.hazard.analysis import Analysis, single_suite
+from jaxpound.hazard.analysis import Analysis, SuiteRuns, single_suite
 from jaxpound.hazard.capacities import CensoredRegression, regression
-from jaxpound.hazard.suite_runs import SuiteRuns
 from jaxpound.model.topology import Topology
 from jaxpound.results import named
 from jaxpound.study.fragility import Fragility

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterator
 from functools import partial
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from jaxpound._errors import InvalidInput, renamed, warn
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure, units_like
 from jaxpound.hazard.annual_rate import AnnualRate, FragilityRate, gap_of_rate, of_event, of_study
-from jaxpound.hazard.points import CurvePoints, HazardIntensity, HazardWeights, rate_of, read_hazard
+from jaxpound.hazard.points import CurvePoints, HazardIntensity, rate_of, read_hazard
 from jaxpound.quantities import DIMENSIONLESS
 from jaxpound.reliability.result import RareEvent
 from jaxpound.scenarios.distributions import Distribution, density
@@ -93,18 +94,13 @@ class HazardCurve(Shown):
             The row, from 0, or the site's name in a file of the USGS; needed if there are several.
         """
         with renamed(str(file)):
-            return HazardCurve(*read_hazard(file, site))
-
-    @property
-    def slope(self) -> np.ndarray:
-        """Exponents k = −d ln rate / d ln im of the m − 1 pieces between the points."""
-        return self._points.slope
+            return HazardCurve(*read_hazard(Path(file), site))
 
     def rate(self, intensity: ArrayLike) -> np.ndarray:
         """Mean annual rate of exceeding intensities > 0, of their shape."""
         (im,) = positive(intensity=intensity)
-        piece = self._points.piece(im)
-        return self.annual_rate[piece] * (im / self.intensity[piece]) ** -self.slope[piece]
+        piece, slope = self._points.piece(im), self._points.slope
+        return self.annual_rate[piece] * (im / self.intensity[piece]) ** -slope[piece]
 
     def probability(self, years: float = 1.0) -> np.ndarray:
         """Probability that each intensity is exceeded within years > 0: 1 − e^(−rate years).
@@ -156,23 +152,21 @@ class HazardCurve(Shown):
             Or the probability of pounding in an earthquake that exceeds the lowest intensity of the
             curve, which is multiplied by that intensity's rate; weaker earthquakes are left out.
             It is that of a study or a ``RareEvent`` whose intensities are drawn by ``distribution``
-            of this curve, or of one that differs in a factor only, of a study with ``weights`` of
-            this curve, or of an estimate, such as ``pounding_probability`` of such a study: it is
-            taken for one of pounding.
+            of this curve, or of one that differs in a factor only, or of an estimate, such as
+            ``pounding_probability`` of such a study: it is taken for one of pounding.
         confidence
             Confidence level of the interval; an estimate alone keeps its own.
         gap, link
             Of a study: see ``Study.pounding_probability``.
         drawn
             True if a user-defined function draws the intensities of a study or a ``RareEvent`` so
-            that they follow this curve, which cannot be checked.
+            that they follow this curve, or a study has its ``weights``, which cannot be checked.
         """
         require_share("confidence", confidence)
         instance("pounding", pounding, Fragility, Estimate, Study, RareEvent)
         for name, value in (("gap", gap), ("link", link)):
             if value is not None and not isinstance(pounding, Study):
-                rule = "must be None: pounding is not a study"
-                raise InvalidInput(name, repr(value), rule)
+                raise InvalidInput(name, repr(value), "must be None: pounding is not a study")
         if isinstance(pounding, Fragility):
             measure = Measure.of_text(pounding.measure)
             _require_measure(self.measure, "the fragility", measure)
@@ -214,11 +208,10 @@ class HazardCurve(Shown):
     def weights(self, intensity: ArrayLike, drawn_from: Distribution | None = None) -> np.ndarray:
         """Weights for ``Study.weighted`` that give intensities the frequencies of the hazard.
 
-        The weights, shape (n,), are read-only; arrays that are computed from them, and changed
-        copies, do not count as weights of this curve. The probabilities of the weighted study are
-        those of an earthquake that exceeds the curve's lowest intensity, as ``annual_rate_of``
-        takes them. Raises ``ValueError`` if an intensity is not positive, or cannot be drawn from
-        drawn_from; there are fewer than two stripes, or drawn_from is no distribution.
+        The probabilities of the weighted study are those of an earthquake that exceeds the curve's
+        lowest intensity, as ``annual_rate_of`` takes them with ``drawn=True``. Raises
+        ``ValueError`` if an intensity is not positive, or cannot be drawn from drawn_from; there
+        are fewer than two stripes, or drawn_from is no distribution.
 
         Parameters
         ----------
@@ -247,7 +240,7 @@ class HazardCurve(Shown):
             inner = np.maximum(np.sqrt(stripes[1:] * stripes[:-1]), self.intensity[0])
             exceeded = np.r_[self.annual_rate[0], self.rate(inner), 0.0]
             weights[finished] = (-np.diff(exceeded) / exceeded[0] * im.size / size)[stripe]
-        return HazardWeights.of(weights, self._points)
+        return weights
 
     def required_gap(
         self,
@@ -332,24 +325,20 @@ def _require_measure(text: str, source: str, measure: Measure) -> None:
 
 
 def _require_drawn(curve: CurvePoints, source: Study | RareEvent, instead: str) -> None:
-    """An ``InvalidInput`` that offers ``instead`` unless intensities follow a hazard curve."""
-    if not is_drawn(curve, source):
-        name = f"intensities of the {'study' if isinstance(source, Study) else 'rare event'}"
+    """An ``InvalidInput`` that offers ``instead`` unless intensities follow a hazard curve.
+
+    It is known of scenarios that have this curve, up to a factor, without other weights.
+    """
+    if isinstance(source, RareEvent):
+        noun, described = "rare event", describe(source.limit_state.scenarios)
+    else:
+        noun, described = "study", source.about["identity"]["scenarios"]
+        described = described if source.weighting is None else None
+    curves = (x for x in _drawing(described) if np.shape(x) == np.shape(curve))
+    if not any((np.ptp(np.log(curve) - np.log(x), axis=1) < _SAME).all() for x in curves):
         rule = "must be drawn by HazardCurve.distribution of this curve, or weighed by its "
         rule += f"HazardCurve.weights, and are not known to be; give {instead}, or drawn=True if"
-        raise InvalidInput(name, "", f"{rule} they follow this curve")
-
-
-def is_drawn(curve: tuple[np.ndarray, np.ndarray], source: Study | RareEvent) -> bool:
-    """Whether a study's weights, or else the scenarios, have this curve, up to a factor."""
-    if isinstance(source, RareEvent):
-        curves = _drawing(describe(source.limit_state.scenarios))
-    elif source.weighting is None:
-        curves = _drawing(source.about["identity"]["scenarios"])
-    else:
-        curves = iter([source.weighting.curve])  # None, of shape (), for weights of no curve
-    ratios = (np.log(curve) - np.log(x) for x in curves if np.shape(x) == np.shape(curve))
-    return any((np.ptp(ratio, axis=1) < _SAME).all() for ratio in ratios)
+        raise InvalidInput(f"intensities of the {noun}", "", f"{rule} they follow this curve")
 
 
 def _drawing(described: Any) -> Iterator[Any]:

@@ -13,10 +13,9 @@ from jaxtyping import ArrayLike, Float
 from jaxpound._checks import Rule, enforce, hint, number
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
-from jaxpound.hazard.analysis import Analysis, single_suite
+from jaxpound.hazard.analysis import Analysis, SuiteRuns, rising_intensities, single_suite
 from jaxpound.hazard.capacities import fit_capacities
 from jaxpound.hazard.stripes import Stripes
-from jaxpound.hazard.suite_runs import SuiteRuns, rising_intensities
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import demand_in_words, event_in_words
 from jaxpound.study.fragility import Fragility
@@ -66,12 +65,9 @@ class IncrementalDynamicAnalysis(Shown):
         back = (np.maximum.accumulate(reached, axis=1) & ~reached).any(axis=1)
         return tuple(np.array(self.names, object)[back])
 
-    def fractiles(self, shares: Sequence[float] = FRACTILES) -> np.ndarray:
-        """Quantiles of the demands at each intensity, shape (m, k).
-
-        ``shares`` are the m shares of the records, from 0 to 1, that do not exceed them.
-        """
-        return np.quantile(self.demands, shares, axis=0)
+    def fractiles(self) -> np.ndarray:
+        """16, 50 and 84 % quantiles of the demands at each intensity, shape (3, k)."""
+        return np.quantile(self.demands, FRACTILES, axis=0)
 
     def fragility(self) -> Fragility:
         """Lognormal fragility from the capacities, by ``fit_capacities``, with its errors."""
@@ -161,8 +157,7 @@ def incremental_dynamic_analysis(
     """
     levels = rising_intensities(intensities)
     if refine not in _REFINEMENTS:
-        rule = f"unknown refine = {refine!r}; {hint(refine, _REFINEMENTS)}"
-        raise InvalidInput("", "", rule)
+        raise InvalidInput("", "", f"unknown refine = {refine!r}; {hint(refine, _REFINEMENTS)}")
     tolerance = float(number("tolerance", tolerance))
     enforce([Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "from 1e-9 to below 1")])
     runs = SuiteRuns(single_suite(analysis), levels[-1], store, progress)

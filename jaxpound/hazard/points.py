@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import re
-from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +15,7 @@ from scipy import special
 
 from jaxpound import _checks
 from jaxpound._checks import Rule, did_you_mean, enforce, positive_number, real
-from jaxpound._errors import InvalidInput, renamed
+from jaxpound._errors import InvalidInput
 from jaxpound.ground.measure import Measure, units_like
 
 LEAST_RATE = 1e-100  # smaller annual rates are rounding errors of the program that wrote them
@@ -136,8 +135,7 @@ class HazardIntensity:
         before, last = self.annual_rate[-2:]
         if not before > last:
             rule = "of the highest intensity must be smaller than that of the one before"
-            rule = f"{rule}, {before:.8g}"
-            raise InvalidInput("annual_rate", f"{last:.8g}", rule)
+            raise InvalidInput("annual_rate", f"{last:.8g}", f"{rule}, {before:.8g}")
 
     def from_normal(self, z: Any) -> Any:
         """The intensity that is exceeded with probability Φ(−z)."""
@@ -165,25 +163,6 @@ class HazardIntensity:
         return jnp.where(inside, -ndtri(jnp.where(inside, stronger, 0.5)), -jnp.inf)
 
 
-class HazardWeights(np.ndarray):
-    """Read-only weights by ``HazardCurve.weights``, with its points, which computed arrays lack."""
-
-    curve: CurvePoints | None = None
-
-    @staticmethod
-    def of(weights: np.ndarray, curve: CurvePoints) -> HazardWeights:
-        """Weights by the points of a curve."""
-        result = weights.view(HazardWeights)
-        result.curve = curve
-        result.flags.writeable = False  # a change in place would keep the curve
-        return result
-
-    def __array_wrap__(self, array: Any, *context: Any) -> Any:
-        """A result of NumPy: a sum is a plain number."""
-        result = super().__array_wrap__(array, *context)
-        return result[()] if result.ndim == 0 else result
-
-
 def rate_of(probability: float, years: float) -> float:
     """Annual rate of an event of this probability within years: −ln(1 − p) / years."""
     _checks.require_share("probability", probability)
@@ -192,14 +171,9 @@ def rate_of(probability: float, years: float) -> float:
 
 
 def read_hazard(
-    file: str | PathLike[str], site: int | str | None, first: int = 0
+    path: Path, site: int | str | None, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """Fields of ``HazardCurve.read``, with rows of sites counted from ``first``."""
-    with renamed(str(file)):
-        return _read(Path(file), site, first)
-
-
-def _read(path: Path, site: int | str | None, first: int) -> tuple[np.ndarray, np.ndarray, str]:
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     header = lines[0] if lines and lines[0].startswith("#") else ""
     rows = [row for row in csv.reader(lines[bool(header) :]) if any(row)]
@@ -241,8 +215,7 @@ def _site(names: list[str], rows: list[list[str]], site: int | str | None, first
     if site is None:
         if len(rows) > 1:
             listed = f": {', '.join(sites[:6])}{', …' * (len(sites) > 6)}" if sites else ""
-            rule = f"must be one of {len(rows)}, from {first}{listed}"
-            raise InvalidInput("site", "", rule)
+            raise InvalidInput("site", "", f"must be one of {len(rows)}, from {first}{listed}")
         site = first
     if isinstance(site, str):
         if site not in sites:

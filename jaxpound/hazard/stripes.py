@@ -12,8 +12,7 @@ from jaxtyping import ArrayLike
 from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
-from jaxpound.hazard.analysis import Analysis
-from jaxpound.hazard.suite_runs import SuiteRuns, rising_intensities
+from jaxpound.hazard.analysis import Analysis, SuiteRuns, rising_intensities
 from jaxpound.model.topology import Topology
 from jaxpound.results.named import demand_in_words, event_in_words
 from jaxpound.study.fragility import Fragility, falls, fit_fragility
@@ -80,8 +79,7 @@ def multiple_stripes(
     levels = rising_intensities(intensities)
     numbers = analysis.numbers * levels.size if len(analysis.numbers) == 1 else analysis.numbers
     if len(numbers) != levels.size:
-        rule = f"must be {levels.size}, one an intensity"
-        raise InvalidInput(f"{len(numbers)} suites", "", rule)
+        raise InvalidInput(f"{len(numbers)} suites", "", f"must be {levels.size}, one an intensity")
     sizes = [len(suite) for suite in numbers]
     rows, at = np.concatenate(numbers), np.repeat(levels, sizes)
     highest = np.zeros(len(analysis.suite))

@@ -13,11 +13,9 @@ from . import records as records
 from . import rows as rows
 from . import runs as runs
 from . import studies as studies
-from . import suites as suites
 from . import system as system
 from . import yielding as yielding
 from .curves import same_units as same_units
-from .floors import ductility as ductility
 from .floors import envelope as envelope
 from .floors import envelopes as envelopes
 from .floors import mode_shapes as mode_shapes
@@ -34,7 +32,6 @@ from .runs import gaps as gaps
 from .runs import ground_motion as ground_motion
 from .runs import hysteresis as hysteresis
 from .runs import overview as overview
-from .runs import paper_figures as paper_figures
 from .runs import rod_forces as rod_forces
 from .runs import rod_hysteresis as rod_hysteresis
 from .runs import side_by_side as side_by_side

@@ -234,8 +234,7 @@ def same_units(responses: Mapping[str, Response]) -> dict[str, Response]:
     for run, response in responses.items():
         instance(f"responses[{run!r}]", response, Response)
     if len({response.si for response in responses.values()}) > 1:
-        rule = "must all be in SI units, or all be dimensionless"
-        raise InvalidInput("responses", "", rule)
+        raise InvalidInput("responses", "", "must all be in SI units, or all be dimensionless")
     return dict(responses)
 
 

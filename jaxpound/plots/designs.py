@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import numpy as np
 from matplotlib.axes import Axes
 from scipy.interpolate import RegularGridInterpolator
@@ -61,8 +62,7 @@ def landscape(
     ax = new_axes(ax, height=1.25)
     if drawn is None:
         if design.space.dimension < 2:
-            rule = "has one variable, and must have two or more"
-            raise InvalidInput("design", "", rule)
+            raise InvalidInput("design", "", "has one variable, and must have two or more")
         moved = np.abs(design.shares - design.history.shares[0, 0])
         i, j = np.sort(np.argsort(-moved, kind="stable")[:2])
         drawn = design.landscape(design.space.names[i], design.space.names[j], n)
@@ -77,7 +77,7 @@ def landscape(
         x, y, violation = _violation_with_the_design(design, drawn)
         ax.contourf(x_unit * x, y_unit * y, violation, beyond, colors=COLOURS["limit"], alpha=0.3)
         ax.fill_between([], [], [], label="limit exceeded", **shade("limit"))
-    path = design.space.numbers(design.history.shares[:, design.winner])
+    path = jax.device_get(design.space.values(design.history.shares[:, design.winner]))
     xs, ys = x_unit * path[drawn.x], y_unit * path[drawn.y]
     end = x_unit * design.values[drawn.x], y_unit * design.values[drawn.y]
     green = COLOURS["damper"]

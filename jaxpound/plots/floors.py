@@ -25,7 +25,7 @@ from jaxpound.model.shear_building import ShearBuilding, in_units
 from jaxpound.model.structures import Storeys
 from jaxpound.model.vibration import modes
 from jaxpound.plots import style as house
-from jaxpound.plots.rows import floor_heights, heights_above_ground, stack_heights
+from jaxpound.plots.rows import floor_heights, stack_heights
 from jaxpound.plots.style import in_house_style, label, new_axes, unit_for
 from jaxpound.results.floors import FloorDemands
 
@@ -54,42 +54,40 @@ def _values(demands: FloorDemands, quantity: str) -> np.ndarray:
 
 @in_house_style
 def envelope(
-    floors: FloorDemands | Mapping[str, FloorDemands],
+    floors: Floors | Mapping[str, Floors],
     quantity: str = "drift",
-    elevations: Any = None,
+    elevations: Sequence[Any] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Peak demand of one building over its height, of a run or of several by name.
+    """One of the peak demands over the height of the buildings that have it, in one diagram.
 
-    Of a batch the line is the median of the valid runs, the band reaches from 16 to 84 %.
+    The quantity is "displacement", "drift", "drift_ratio", in % of the height of the storey,
+    "acceleration", "shear", "contact", the largest force of contact from either side, or
+    "ductility", of storeys that yield. Other arguments and batches are as in ``envelopes``.
 
-    ``floors`` are the building's demands, from ``floor_demands``, or such demands by name, to be
-    compared. The quantity is "displacement", "drift", "drift_ratio", in % of the height of the
-    storey, "acceleration", "shear", "contact", the largest force of contact from either side, or
-    "ductility". ``elevations`` are the height of each floor above the ground, m; by default the
-    floors' numbers.
-
-    A ``ValueError`` if there is no such quantity, no run is valid, elevations are not one for each
-    floor in ascending order, or runs to be compared are of other buildings or units.
-
-    For an example see ``envelopes``.
+    A ``ValueError`` as by ``envelopes``, or if there is no such quantity, no building has it, or
+    runs to be compared are of several buildings.
     """
-    runs = _runs(floors, FloorDemands)
     if quantity not in _DRAWN:
         rule = f"must be a demand of floors; {hint(quantity, _DRAWN)}"
         raise InvalidInput("quantity", repr(quantity), rule)
-    first = next(iter(runs.values()))
-    ax = new_axes(ax)
-    heights = np.arange(1.0, len(first.masses) + 1)
-    if elevations is not None:
-        heights = heights_above_ground("elevations", elevations, heights.size)
-    profiles = [_values(demands, quantity) for demands in runs.values()]
-    _require_valid(runs, profiles)
-    unit, styles = _unit(quantity, first.si, profiles), _styles(runs, first.building)
-    lines = zip(profiles, [heights] * len(runs), styles, strict=True)
-    _draw(ax, quantity, [*lines], elevations is not None, unit)
-    if len(runs) > 1:
-        house.legend_above(ax, 2)
+    runs, buildings, heights = _runs(floors, elevations)
+    if len(runs) > 1 < len(buildings):
+        rule = "must be of one building; envelopes compares several"
+        raise InvalidInput("floors to be compared", "", rule)
+    lines: list[Any] = []
+    for b, building in enumerate(buildings):
+        if getattr(building, quantity) is not None:
+            profiles = [_values(run[b], quantity) for run in runs.values()]
+            _require_valid(runs, profiles)
+            styles = _styles(runs, building.building)
+            lines += zip(profiles, [heights[b]] * len(runs), styles, strict=True)
+    if not lines:
+        raise InvalidInput("floors", "", f"must be of a building with a {quantity}")
+    ax, unit = new_axes(ax), _unit(quantity, buildings[0].si, [values for values, *_ in lines])
+    _draw(ax, quantity, lines, elevations is not None, unit)
+    if len(lines) > 1:
+        house.legend_above(ax, 2 if len(runs) > 1 else 3)
     return ax
 
 
@@ -104,13 +102,16 @@ def envelopes(
     Panels side by side are displacement, storey drift, acceleration, storey shear and, where there
     are any, contact force and ductility. The buildings of a run or a batch share them; of runs to
     be compared each building has a row. Drift is in % of the height of storeys, where floors have
-    a ``drift_ratio``. A batch is as in ``envelope``.
+    a ``drift_ratio``. Of a batch the line is the median of the valid runs, the band reaches from 16
+    to 84 %.
 
     ``floors`` are what ``floor_demands`` gives, one for each building, of a run or a batch; or such
     tuples by name, to be compared: the first is grey. ``elevations`` are those of ``row``, by
     default the floors' numbers; ``labels`` name the buildings, by default "building 1" and so on.
 
-    A ``ValueError`` as by ``envelope``, or if elevations or labels are not one for each building.
+    A ``ValueError`` if no run is valid, runs to be compared are of other buildings or units,
+    elevations or labels are not one for each building, or elevations of a building not one for each
+    floor in ascending order.
 
     Examples
     --------
@@ -122,14 +123,12 @@ def envelopes(
     >>> len(figure.axes)  # four quantities, no contact
     4
     """
-    runs = _runs(floors, Sequence)
-    buildings = next(iter(runs.values()))
+    runs, buildings, heights = _runs(floors, elevations)
     if labels is None:
         labels = [f"building {building.building + 1}" for building in buildings]
     elif len(labels) != len(buildings):
         rule = f"must be one for each of the {len(buildings)} buildings"
         raise InvalidInput(f"labels, {len(labels)} of them,", "", rule)
-    heights = floor_heights([len(building.masses) for building in buildings], elevations)
     in_shares = all(each.si and each.heights for run in runs.values() for each in run)
     usual = ("displacement", "drift_ratio" if in_shares else "drift", "acceleration", "shear")
     profiles = {
@@ -164,30 +163,6 @@ def envelopes(
     if len(handles) > 1:
         figure.legend(handles, names, loc="outside upper center", ncols=min(4, len(handles)))
     return figure
-
-
-@in_house_style
-def ductility(
-    floors: Floors, elevations: Sequence[Any] | None = None, ax: Axes | None = None
-) -> Axes:
-    """Ductility of the storeys of all buildings that yield over their height, in one diagram.
-
-    Arguments are as in ``envelopes``. A ``ValueError`` as there, or if no building yields.
-    """
-    buildings = _runs({"floors": floors}, Sequence)["floors"]
-    heights = floor_heights([len(x.masses) for x in buildings], elevations)
-    yielding = [(x, y) for x, y in zip(buildings, heights, strict=True) if x.ductility is not None]
-    if not yielding:
-        raise InvalidInput("floors", "", "must be of a building that yields")
-    ax, limits = new_axes(ax), []
-    for building, up in yielding:
-        envelope(building, "ductility", None if elevations is None else up, ax)
-        ax.lines[-2].set_label(f"building {building.building + 1}")
-        limits.append((ax.get_xlim()[1], ax.get_ylim()[1]))
-    ax.axis((0, max(x for x, _ in limits), 0, max(y for _, y in limits)))
-    if len(yielding) > 1:
-        house.legend_above(ax, 3)
-    return ax
 
 
 @in_house_style
@@ -245,24 +220,24 @@ def mode_shapes(
     return ax
 
 
-def _runs(floors: Any, kind: type) -> dict[str, Any]:
-    """Runs by name, of the same buildings in the same units."""
+def _runs(floors: Any, elevations: Any) -> tuple[dict[str, Floors], Floors, list[np.ndarray]]:
+    """Runs by name, of the same buildings in the same units; those of the first, and heights."""
     if not (runs := dict(floors) if isinstance(floors, Mapping) else {"": floors}):
         raise InvalidInput("floors", "", "must hold at least one run")
     descriptions = set()
-    for name, demands in runs.items():
+    for name, buildings in runs.items():
         place = f"floors[{name!r}]" if name else "floors"
-        instance(place, demands, kind)
-        if not (buildings := [demands] if isinstance(demands, FloorDemands) else list(demands)):
+        instance(place, buildings, Sequence)
+        if not buildings:
             raise InvalidInput(place, "()", "must hold at least one building")
         for b, building in enumerate(buildings):
-            number = "" if building is demands else f"[{b}]"
-            instance(place + number, building, FloorDemands)
+            instance(f"{place}[{b}]", building, FloorDemands)
         descriptions.add(tuple((each.building, len(each.masses), each.si) for each in buildings))
     if len(descriptions) > 1:
         rule = "must be of the same buildings, all in SI units or all dimensionless"
         raise InvalidInput("floors to be compared", "", rule)
-    return runs
+    first = next(iter(runs.values()))
+    return runs, first, floor_heights([len(building.masses) for building in first], elevations)
 
 
 def _require_valid(runs: Mapping[str, Any], profiles: Profiles) -> None:
@@ -281,9 +256,10 @@ def _unit(quantity: str, si: bool, profiles: Profiles) -> Unit:
 
 
 def _styles(runs: Mapping[str, Any], building: int) -> list[dict[str, Any]]:
-    """Colour and name of each line: of a single run that of the building."""
-    colours = house.shades(len(runs)) if len(runs) > 1 else [house.building_colour(building)]
-    return [{"color": c, "label": name} for c, name in zip(colours, runs, strict=True)]
+    """Colour and name of each line: of a single run those of the building."""
+    if len(runs) == 1:
+        return [{"color": house.building_colour(building), "label": f"building {building + 1}"}]
+    return [{"color": c, "label": x} for c, x in zip(house.shades(len(runs)), runs, strict=True)]
 
 
 def _draw(ax: Axes, name: str, lines: Sequence[Any], in_metres: bool, unit: Unit) -> None:
@@ -303,7 +279,7 @@ def _draw(ax: Axes, name: str, lines: Sequence[Any], in_metres: bool, unit: Unit
     # Of a batch as far as the band reaches.
     highest = max(float(np.quantile(values, _BAND[-1], axis=0).max()) for values, *_ in lines)
     ax.set_xlim(0, 1.08 * factor * highest or 1.0)
-    _over_height(ax, lines[0][1], in_metres)
+    _over_height(ax, max((heights for _, heights, _ in lines), key=max), in_metres)
 
 
 def _draw_line(ax: Axes, name: str, values: np.ndarray, heights: np.ndarray, style: Any) -> None:

@@ -35,25 +35,8 @@ def hazard_curve(hazard: HazardCurve, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@in_house_style
-def deaggregation(
-    rate: AnnualRate,
-    ax: Axes | None = None,
-    *,
-    bands: int = 20,
-    intensity: str | ArrayLike | None = None,
-) -> Axes:
-    """Share of the annual rate of pounding by bands of intensity, of one ratio each.
-
-    Lines are ± one standard deviation of each share, as far as the fragility or the samples leave
-    it open; of a study or a rare event ``intensity`` says by what (``AnnualRate.deaggregation``).
-    The intensities beyond the ends of the hazard curve, where it is continued, are shaded.
-    """
-    return _bars(rate, rate.deaggregation(bands=bands, intensity=intensity), ax)
-
-
-def _bars(rate: AnnualRate, parts: Deaggregation, ax: Axes | None) -> Axes:
-    ax = new_axes(ax)
+def _deaggregation(ax: Axes, rate: AnnualRate, parts: Deaggregation) -> None:
+    """Bands with ± one standard deviation of each share; shaded beyond the ends of the curve."""
     low, high = parts.edges[[0, -1]]
     share = 100 * parts.share
     style: Any = {"color": COLOURS["pounding"], "edgecolor": "white", "linewidth": 0.4}
@@ -73,7 +56,6 @@ def _bars(rate: AnnualRate, parts: Deaggregation, ax: Axes | None) -> Axes:
     house.ratio_ticks(ax.xaxis)
     label(ax, parts.measure, "share of the rate (%)")
     house.legend(ax, columns=2, bottom=0.0)
-    return ax
 
 
 @in_house_style
@@ -86,17 +68,21 @@ def pounding(
 ) -> Figure:
     """A hazard curve, and below it from which of its intensities the annual rate comes.
 
-    ``intensity``, of a study or a rare event, is as of ``deaggregation``: numbers are taken to be
-    of the curve's measure and unit, and share its axis.
+    That is the share of bands of intensity, of one ratio each. Lines are ± one standard deviation
+    of each share, as far as the fragility or the samples leave it open. The intensities beyond the
+    ends of the hazard curve, where it is continued, are shaded.
+
+    ``intensity``, of a study or a rare event, says by what (``AnnualRate.deaggregation``): numbers
+    are taken to be of the curve's measure and unit, and share its axis.
     """
-    parts = rate.deaggregation(bands=bands, intensity=intensity)
+    parts = rate.deaggregation(bands, intensity=intensity)
     if intensity is not None and not isinstance(intensity, str):
         parts = dataclasses.replace(parts, measure=hazard.measure)
     shared = parts.measure == hazard.measure
     figure = house.new_figure(1.0, 1.6)
     above, below = figure.subplots(2, sharex=shared)
     hazard_curve(hazard, above)
-    _bars(rate, parts, below)
+    _deaggregation(below, rate, parts)
     if shared:
         low, high = below.get_xlim()
         above.set_xlim(min(low, hazard.intensity[0]), max(high, hazard.intensity[-1]))

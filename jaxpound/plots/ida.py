@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from jaxpound._checks import instance
 from jaxpound.hazard.cloud import Cloud
 from jaxpound.hazard.ida import FRACTILES, IncrementalDynamicAnalysis
-from jaxpound.plots import studies
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, label, new_axes, shade
 from jaxpound.results.named import in_words, kind_of
@@ -45,13 +44,6 @@ def curves(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes
     label(ax, words, in_symbols(analysis.measure))
     house.legend_above(ax, 3)
     return ax
-
-
-@in_house_style
-def fragility(analysis: IncrementalDynamicAnalysis, ax: Axes | None = None) -> Axes:
-    """Fragility of the capacities with its 95 % band, and their empirical distribution."""
-    instance("analysis", analysis, IncrementalDynamicAnalysis)
-    return studies.fragility(analysis.fragility(), ax, in_symbols(analysis.measure))
 
 
 @in_house_style

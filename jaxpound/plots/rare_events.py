@@ -70,10 +70,8 @@ def _values(response: Response, series: Series) -> np.ndarray:
     if series.kind == "acceleration":
         terms = list(response.absolute_accelerations)
     elif series.kind == "length":
-        gaps = [np.asarray(link.gap) for link in response.links]
-        closings = [gap[0] - gap if np.isfinite(gap[0]) else np.zeros_like(gap) for gap in gaps]
-        at_rest = [np.full_like(gap, gap[0]) for gap in gaps]
-        terms = [*(mass.x for mass in response.masses), *closings, *at_rest]
+        at_rest = [np.full_like(link.gap, link.gap[0]) for link in response.links]
+        terms = [*(mass.x for mass in response.masses), *response.closings, *at_rest]
     shares = [series.row[i] * np.asarray(terms[i]) for i in np.flatnonzero(series.row)]
     return np.sum(shares, axis=0)
 
@@ -91,8 +89,7 @@ def probability_curve(events: Sequence[RareEvent], ax: Axes | None = None) -> Ax
         instance(f"events[{i}]", event, RareEvent)
     states = [event.limit_state for event in events]
     if len(states) < 2 or any(state.threshold is None for state in states):
-        rule = "must be two or more, each with a threshold"
-        raise InvalidInput("events", "", rule)
+        raise InvalidInput("events", "", "must be two or more, each with a threshold")
     if any(state.demand != states[0].demand for state in states):
         raise InvalidInput("events", "", "must be of one demand")
     ax = new_axes(ax)

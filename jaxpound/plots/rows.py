@@ -136,10 +136,16 @@ def floor_heights(n_floors: Sequence[int], elevations: Any) -> list[np.ndarray]:
         raise InvalidInput("elevations", reprlib.repr(elevations), rule)
     if len(elevations) != len(n_floors):
         raise InvalidInput(f"elevations, {len(elevations)} of them,", "", rule)
-    return [
-        heights_above_ground(f"elevations[{b}]", elevation, n)
-        for b, (elevation, n) in enumerate(zip(elevations, n_floors, strict=True))
-    ]
+    heights = []
+    for b, (elevation, n) in enumerate(zip(elevations, n_floors, strict=True)):
+        ups = np.asarray(real(f"elevations[{b}]", elevation), float)
+        rises = ups.shape == (n,) and (np.diff(ups, prepend=0.0) > 0).all()
+        if not (rises and np.isfinite(ups).all()):
+            floors = f"{n} floor{'s' * (n > 1)}"
+            rule = f"must be the heights of {floors} above the ground, finite, from the lowest up"
+            raise InvalidInput(f"elevations[{b}]", reprlib.repr(elevation), rule)
+        heights.append(ups)
+    return heights
 
 
 def stack_heights(topology: Topology, elevations: Any) -> list[np.ndarray]:
@@ -148,17 +154,6 @@ def stack_heights(topology: Topology, elevations: Any) -> list[np.ndarray]:
     for b, stack in enumerate(stacks(topology)):
         ups, rise = heights[b], np.diff(heights[b], prepend=0.0)[-1] / 2
         heights[b] = np.append(ups, ups[-1] + rise * np.arange(1, len(stack) - ups.size + 1))
-    return heights
-
-
-def heights_above_ground(name: str, elevations: Any, n: int) -> np.ndarray:
-    """The heights of a building's n floors, as numbers."""
-    heights = np.asarray(real(name, elevations), float)
-    rises = heights.shape == (n,) and (np.diff(heights, prepend=0.0) > 0).all()
-    if not (rises and np.isfinite(heights).all()):
-        floors = f"{n} floor{'s' * (n > 1)}"
-        rule = f"must be the heights of {floors} above the ground, finite, from the lowest up"
-        raise InvalidInput(name, reprlib.repr(elevations), rule)
     return heights
 
 

@@ -309,19 +309,6 @@ def side_by_side(
     return result
 
 
-PAPER = (ground_motion, displacements, velocities, gap, friction_force, rod_forces)
-
-
-def paper_figures(response: Response) -> dict[str, Figure]:
-    """The figures that the paper shows of its numerical example, drawn for one run, by name.
-
-    ``"ground_motion"``, ``"displacements"``, ``"velocities"``, ``"gap"``, ``"friction_force"`` with
-    the phases of stick, and ``"rod_forces"``.
-    """
-    figures: dict[str, Any] = {draw.__name__: draw(response).figure for draw in PAPER}
-    return figures
-
-
 def _shade_pounding(ax: Axes, named: bool) -> None:
     # add_artist leaves the limits as they are, so the region may reach far down.
     low, high = ax.get_ylim()

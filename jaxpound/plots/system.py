@@ -26,8 +26,7 @@ def mechanical_system(structures: AdjacentStructures | None = None, ax: Axes | N
     written beside the symbols.
     """
     if any(np.ndim(leaf) for leaf in jax.tree.leaves(structures)):
-        rule = "must be a single pair, not a batch"
-        raise InvalidInput("structures", "", rule)
+        raise InvalidInput("structures", "", "must be a single pair, not a batch")
     ax = new_axes(ax, 2.0, 0.95 if structures is None else 1.2)
     ink = COLOURS["ground"]
 

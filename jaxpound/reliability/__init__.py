@@ -1,9 +1,8 @@
 """Reliability: probabilities that demands exceed thresholds, and the ground motions that do it.
 
-``limit_state`` defines the event, by what ``observers`` see at an instant, and ``result`` its
-probability. ``run`` chooses the method: ``importance`` sampling around ``design_points`` at several
-``instants``, or ``subset`` simulation. ``target`` leads from a probability to a parameter of the
-structures.
+``limit_state`` defines the event, ``result`` its probability. ``run`` chooses the method:
+``importance`` sampling around ``design_points`` at several ``instants``, or ``subset`` simulation.
+``target`` leads from a probability to a parameter of the structures.
 """
 
 import lazy_loader

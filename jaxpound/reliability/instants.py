@@ -6,28 +6,54 @@ design point; the largest number of all instants is not smooth.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
+from functools import partial
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
-from jaxpound.model.ends import elongation
+from jaxpound.grid import TimeGrid
+from jaxpound.ground.motion import Ground, GroundLike
+from jaxpound.ground.run_input import as_run
+from jaxpound.model.ends import elongation, load_on
 from jaxpound.model.places import link_places, mass_places, rod_places
-from jaxpound.model.system import System, is_closable
+from jaxpound.model.system import Structures, System, gravity_of, is_closable
 from jaxpound.model.topology import storey_rods
-from jaxpound.reliability.observers import ACCELERATIONS, POSITIONS, ROD_FORCES
 from jaxpound.results.demand import OF_CONTACTS, OF_FLOORS, Demand
 from jaxpound.results.elements import place_of
 from jaxpound.results.named import REQUIRED_GAP
+from jaxpound.simulation.constants import StepConstants
+from jaxpound.simulation.rollout import Rollout, extrapolated, program_key
+from jaxpound.simulation.scheme import Scheme
+from jaxpound.simulation.state import Instant
 
 _PERIOD = 2 * np.pi  # of structure 1, in 1/ω1
 _PER_PERIOD = 20
 _MOST = 256
 
-OBSERVERS = {"length": POSITIONS, "acceleration": ACCELERATIONS, "force": ROD_FORCES}
-"""The quantities of which series are combinations, by their kind."""
+
+def _positions(system: StepConstants, now: Instant) -> tuple[Any, ...]:
+    return *now.x, *(link.closing for link in now.links)
+
+
+def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
+    """Absolute acceleration x'' + ι u'' of each mass at an instant."""
+    ends, forces = list(system.rod_ends), [*now.forces]
+    for group, seen in zip(system.groups, now.groups, strict=True):
+        ends += [joint.ends for joint in group.joints]
+        forces += seen.totals
+    return tuple(load_on(number, ends, forces) / mass for number, mass in enumerate(system.masses))
+
+
+_OBSERVERS: dict[str, Any] = {  # of the numbers that series combine, and how many there are
+    # Displacement of each mass, and the closing of each link: its gap at rest less its gap.
+    "length": (_positions, lambda topology: topology.n_masses + len(topology.links)),
+    "acceleration": (_accelerations, lambda topology: topology.n_masses),
+    "force": (lambda system, now: now.forces, lambda topology: len(topology.rods)),
+}
 
 
 class Series(NamedTuple):
@@ -37,7 +63,7 @@ class Series(NamedTuple):
     row: np.ndarray
     """Factors of each mass's displacement, each link's closing and each link's gap at rest, or of
     each mass's acceleration, or of each rod's force."""
-    kind: str = "length"  # a key of ``OBSERVERS``, the same for all series of a demand
+    kind: str = "length"  # or "acceleration" or "force", the same for all series of a demand
 
 
 def is_by_impacts(system: System, demand: Any) -> bool:
@@ -97,6 +123,52 @@ def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]
         for i in elements(group, len(places))
         for direction, sign in (("", 1), (", reversed", -1))
     )
+
+
+def observed_at(
+    kind: str,
+    structures: Structures,
+    ground: GroundLike,
+    grid: TimeGrid,
+    scheme: Scheme,
+    instant: ArrayLike,
+) -> tuple[Any, ...]:
+    """What series of a kind combine, at the instant with a number from 0 to n_steps, or traced.
+
+    It suits many derivatives: a run keeps no series and observes nothing else. It does not check
+    the input (``demand`` does); an invalid run gives NaN.
+    """
+    ground = as_run(ground, scheme.finest(grid), gravity_of(structures))
+    case = structures, ground
+    return _observed_at(kind, case, program_key(case), grid, scheme, jnp.asarray(instant))
+
+
+@partial(jax.jit, static_argnames=("kind", "key", "grid", "scheme"))
+def _observed_at(
+    kind: str,
+    case: tuple[Structures, Ground],
+    key: Hashable,
+    grid: TimeGrid,
+    scheme: Scheme,
+    number: Any,
+) -> tuple[Any, ...]:
+    numbers, size = _OBSERVERS[kind]
+
+    def observed(grid: TimeGrid, instant: Any) -> tuple[Any, ...]:
+        run = Rollout.of(*case, grid, scheme)
+
+        def observe(kept: Any, now: Instant, m: jax.Array) -> tuple[Any, None]:
+            seen = numbers(run.constants, now)
+            kept = jax.tree.map(lambda old, new: jnp.where(m == instant, new, old), kept, seen)
+            return kept, None
+
+        before = (run.zero,) * size(run.system.topology)
+        (_, kept), _ = run.observed(observe, before)
+        return kept
+
+    if not scheme.extrapolated:
+        return observed(grid, number)
+    return extrapolated(observed(grid, number), observed(grid.halved, 2 * number))
 
 
 def measured(kind: str, row: Any, observed: tuple[Any, ...], system: System) -> Float[Array, ""]:

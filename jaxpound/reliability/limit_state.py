@@ -23,8 +23,7 @@ from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.model.parameters import get, paths, replaced, require_paths
 from jaxpound.model.system import Structures, without_contact
-from jaxpound.reliability.instants import OBSERVERS, Series, is_by_impacts, measured, series_of
-from jaxpound.reliability.observers import observed_at
+from jaxpound.reliability.instants import Series, is_by_impacts, measured, observed_at, series_of
 from jaxpound.results import named
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
 from jaxpound.scenarios.sampling import key_numbers
@@ -216,7 +215,7 @@ class LimitState:
         passing = self.searches_overlaps or self.demand == REQUIRED_GAP
         structures, ground = self.realized(z, changes, passing=passing)
         kind = self.series[0].kind
-        observed = observed_at(OBSERVERS[kind], structures, ground, self.grid, self.scheme, instant)
+        observed = observed_at(kind, structures, ground, self.grid, self.scheme, instant)
         return measured(kind, row, observed, structures.system())
 
 
@@ -238,8 +237,7 @@ def state_of(
         state, findings = scenarios, doubts(scenarios.scenarios, scenarios.grid)
     else:
         if gap is not None and (demand != REQUIRED_GAP or threshold is not None):
-            rule = "must be None where another demand is given"
-            raise InvalidInput("gap", repr(gap), rule)
+            raise InvalidInput("gap", repr(gap), "must be None where another demand is given")
         if gap is not None:
             (threshold,) = not_negative(gap=number("gap", gap))
         findings = doubts(scenarios, grid)
@@ -253,8 +251,7 @@ def state_of(
 def require_dependence(state: LimitState, z: Any, values: Any) -> None:
     """An ``InvalidInput`` if a demand is the same at points z, and under stronger motions, too."""
     if not np.isfinite(values).any():
-        rule = f"must be a number, but is none in {len(z):,} random runs"
-        raise InvalidInput("demand", "", rule)
+        raise InvalidInput("demand", "", f"must be a number, but is none in {len(z):,} random runs")
     if np.ptp(values[np.isfinite(values)]) > 0:
         return
     if not np.ptp([values, *(state.values(factor * z) for factor in _STRONGER)]) > 0:

@@ -22,7 +22,6 @@ from scipy.special import ndtri
 from jaxpound._checks import require_share
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.parameters import require_paths
 from jaxpound.model.system import Structures, in_si
 from jaxpound.reliability.design_points import DesignPoints
 from jaxpound.reliability.limit_state import LimitState
@@ -195,19 +194,15 @@ class RareEvent(Shown):
         width = float(ndtri((1 + confidence) / 2)) * math.sqrt(math.log1p(cov**2))
         return Estimate(p, p * math.exp(-width), min(1.0, p * math.exp(width)), confidence)
 
-    @cached_property
-    def slopes(self) -> dict[str, Slope]:
-        """Derivatives of ln P by all parameters of the structures, by path; NaN of infinite ones.
-
-        They follow from the samples near the limit state, which are run again with gradients. A
-        parameter that the scenarios draw is shifted in all of them. The slope is 0 by parameters
-        that the demand does not depend on, such as the gap at rest where the event is that another
-        gap closes. Raises ``ValueError`` if fewer than 20 samples reach the limit state.
-        """
-        return self.slopes_by()
-
     def slopes_by(self, chosen: Sequence[str] | None = None) -> dict[str, Slope]:
-        """``slopes`` by chosen parameters only, which compile sooner; raises as ``slope``."""
+        """Derivatives of ln P by chosen or all parameters of the structures, NaN of infinite ones.
+
+        Fewer compile sooner. They follow from the samples near the limit state, which are run again
+        with gradients. A parameter that the scenarios draw is shifted in all of them. The slope is
+        0 by parameters that the demand does not depend on, such as the gap at rest where the event
+        is that another gap closes. Raises ``ValueError`` if there is no such parameter, or fewer
+        than 20 samples reach the limit state.
+        """
         density, slopes, samples = self._densities(), {}, self.samples
         near, parts = np.flatnonzero(density), np.zeros(len(samples))
         for path, slope in self.limit_state.sensitivities(samples.points[near], chosen).items():
@@ -216,16 +211,12 @@ class RareEvent(Shown):
         return slopes
 
     def slope(self, path: str) -> Slope:
-        """Derivative of ln P by a parameter, with its standard error; see ``slopes``.
-
-        Raises ``ValueError`` if there is no such parameter; as ``slopes``.
-        """
-        require_paths(self.limit_state.nominal, [path])
-        return self.slopes[path]
+        """Derivative of ln P by a parameter, with its standard error; see ``slopes_by``."""
+        return self.slopes_by([path])[path]
 
     @property
     def decay(self) -> Slope:
-        """λ = −d ln P/db by the threshold b, with its standard error; raises as ``slopes``."""
+        """λ = −d ln P/db by the threshold b, with its standard error; raises as ``slopes_by``."""
         return self.samples.slope(self._densities())
 
     def _densities(self) -> Float[np.ndarray, " n"]:

@@ -56,8 +56,7 @@ class EventSearch(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.method not in _METHODS:
-            rule = f"method = {self.method!r}; {hint(self.method, _METHODS)}"
-            raise InvalidInput("", "", rule)
+            raise InvalidInput("", "", f"method = {self.method!r}; {hint(self.method, _METHODS)}")
 
     def start_of(self, state: LimitState) -> RareEvent | None:
         """The event from whose design points the search of a limit state starts, if it has any."""

@@ -277,13 +277,7 @@ class Level(NamedTuple):
         return self.probability * float(np.mean(self.values >= 0))
 
 
-class Query(NamedTuple):
-    """Points whose values the next level needs, and the probability of the level before."""
-
-    points: np.ndarray
-    probability: float
-
-
+Query = tuple[np.ndarray, float]  # points, and the probability of the level before
 Levels = Generator[Query, np.ndarray, list[Level]]
 """One repeat: yields queries, is sent the values of their points, and returns its levels."""
 
@@ -291,7 +285,7 @@ Levels = Generator[Query, np.ndarray, list[Level]]
 def levels_of_samples(dimension: int, n: int, p0: float, rng: np.random.Generator) -> Levels:
     """One repeat of subset simulation with n samples a level; it yields its queries for values."""
     z = rng.standard_normal((n, dimension))
-    levels = [Level(-math.inf, 1.0, z, (yield Query(z, 1.0)))]
+    levels = [Level(-math.inf, 1.0, z, (yield (z, 1.0)))]
     while True:
         last = levels[-1]
         threshold = float(np.sort(last.values)[-round(p0 * n) - 1])
@@ -314,7 +308,7 @@ def _conditional(
         # The same step size for all numbers. Steps by the spread of the seeds, which descend from
         # few samples after some levels, are too short (40 % too low at 8e-7, with 500 numbers).
         moved = math.sqrt(1 - scale**2) * z[:m] + scale * rng.standard_normal(z[:m].shape)
-        value = yield Query(moved, probability)
+        value = yield moved, probability
         stays = value > threshold
         z[:m] = np.where(stays[:, None], moved, z[:m])
         values[:m] = np.where(stays, value, values[:m])
@@ -336,13 +330,13 @@ def run_in_lockstep(
     reached = dict.fromkeys(repeats, 1.0)
     queries = {(repeat, 0): next(steps) for repeat, steps in repeats.items()}
     while queries:
-        answers = values({name: query.points for name, query in queries.items()})
+        answers = values({name: points for name, (points, _) in queries.items()})
         report([*reached.values()])
         before, queries = queries, {}
         for repeat, number in before:
             try:
                 query = queries[repeat, number + 1] = repeats[repeat].send(answers[repeat, number])
-                reached[repeat] = query.probability
+                _, reached[repeat] = query
             except StopIteration as end:
                 levels[repeat] = end.value
                 reached[repeat] = end.value[-1].estimate

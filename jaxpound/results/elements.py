@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-T = TypeVar("T")
+Results = TypeVar("Results", bound="ByElement")
 
 _MAY_BE_INFINITE = ("min_gap", "soft_min_gap", "first_impact_time", "first_yield_time")
 
@@ -58,6 +58,20 @@ class ByElement:
         """Every quantity and its flat names, in the order of tables."""
         sizes = {group: len(getattr(self, group)) for group in self._elements}
         return columns_of(type(self), sizes)
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Shape of the batch; () for a single run."""
+        return np.shape(next(iter(jax.tree.leaves(self)), 0.0))
+
+    def __getitem__(self: Results, index: Any) -> Results:
+        """Runs of a batch by number, slice or mask, as in an array: ``batch[3]`` is one run."""
+        if not (batch := self.batch):
+            raise TypeError(f"{type(self).__name__}: only a batch has an index, this is one run")
+        index = np.asarray(index) if isinstance(index, list) else index
+        np.empty(batch, bool)[index]  # an index outside raises, which JAX would clamp
+        # Arrays that the runs of a batch share have no batch axes.
+        return jax.tree.map(lambda x: x[index] if jnp.ndim(x) >= len(batch) else x, self)
 
     def __getattr__(self, name: str) -> Any:
         place = None if name in self._elements or name[:2] == "__" else place_of(type(self), name)
@@ -171,16 +185,6 @@ def run_numbers(batch: tuple[int, ...], each: int = 1) -> dict[str, np.ndarray]:
         f"run_{axis}" if len(batch) > 1 else "run": np.repeat(x.ravel(), each)
         for axis, x in enumerate(np.indices(batch))
     }
-
-
-def chosen(results: T, index: Any, batch: tuple[int, ...]) -> T:
-    """Results at the index of their batch; an index outside raises (JAX would clamp it)."""
-    if not batch:
-        raise TypeError(f"{type(results).__name__}: only a batch has an index, this is one run")
-    index = np.asarray(index) if isinstance(index, list) else index
-    np.empty(batch, bool)[index]
-    # Arrays that the runs of a batch share have no batch axes.
-    return jax.tree.map(lambda x: x[index] if jnp.ndim(x) >= len(batch) else x, results)
 
 
 class Columnar:

@@ -8,13 +8,11 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import as_tuple, instance
+from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.building import Building
-from jaxpound.model.shear_building import ShearBuilding
-from jaxpound.model.system import Structures, in_si
+from jaxpound.model.system import Structures
 from jaxpound.model.topology import Topology, floors, is_storey, stacks, two_ends
 from jaxpound.quantities import column, unit
 from jaxpound.results.demand import Demand
@@ -61,7 +59,7 @@ class FloorDemands(Columnar, Shown):
     def drift_ratio(self) -> Any:
         """Largest drift of the storey below each floor over its height; needs SI and heights."""
         if not (self.heights and self.si):
-            rule = "needs drifts in SI and the buildings: floor_demands(row, found, buildings)"
+            rule = "needs drifts in SI and the heights of storeys: floor_demands(Buildings(…), …)"
             raise InvalidInput("it", "", rule)
         return self.drift / np.array(self.heights)
 
@@ -103,26 +101,18 @@ class FloorDemands(Columnar, Shown):
         return [TextTable(title, ("floor", *columns), rows[::-1], digits=4)]
 
 
-def floor_demands(
-    structures: Structures,
-    found: Demand,
-    buildings: Sequence[Building | ShearBuilding] | None = None,
-) -> tuple[FloorDemands, ...]:
+def floor_demands(structures: Structures, found: Demand) -> tuple[FloorDemands, ...]:
     """Peak demands of each building over its height, from left to right.
 
-    A ``ValueError`` if the structures are no shear buildings, or ``found`` or ``buildings`` are not
-    theirs.
+    A ``ValueError`` if the structures are no shear buildings, or ``found`` is not theirs.
 
     Parameters
     ----------
     structures
-        ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures``, or a ``System`` whose masses
-        are the floors of shear buildings.
+        ``Buildings``, whose heights make ``drift_ratio``, ``Row``, ``Storeys``,
+        ``AdjacentStructures``, or a ``System`` whose masses are the floors of shear buildings.
     found
         The scalars of a run or a batch of runs of these structures.
-    buildings
-        The buildings of a ``Row``, from left to right; by default those of ``Buildings``. Their
-        heights make ``drift_ratio`` of drifts in SI.
 
     Examples
     --------
@@ -143,19 +133,9 @@ def floor_demands(
     if [rod.peak_drift is not None for rod in found.rods] != [*map(is_storey, topology.rods)]:
         rule = "must be of these structures, but is of other storeys"
         raise InvalidInput("found", "", rule)
-    n_floors = [len(building) for building in floors(topology)]
-    if buildings is None and in_si(structures):
-        buildings = getattr(structures, "buildings", None)
-    heights: list[tuple[float, ...]] = [()] * len(n_floors)
-    if buildings is not None:
-        buildings = as_tuple("buildings", buildings)
-        for b, building in enumerate(buildings):
-            instance(f"buildings.{b}", building, ShearBuilding, Building)
-        if [getattr(building, "n_floors", 1) for building in buildings] != n_floors:
-            rule = f"must be those of the structures, of {n_floors} floors"
-            raise InvalidInput("buildings", "", rule)
-        sizes = zip(buildings, n_floors, strict=True)
-        heights = [getattr(building, "heights", ())[:n] for building, n in sizes]
+    sizes = [len(building) for building in floors(topology)]
+    buildings = getattr(structures, "buildings", sizes)  # only those in SI have heights
+    heights = [getattr(x, "heights", ())[:n] for x, n in zip(buildings, sizes, strict=True)]
     return tuple(_of_building(b, topology, found, each) for b, each in enumerate(heights))
 
 

@@ -20,9 +20,8 @@ from jaxpound.model.ends import along, beside_axis, load_on, weighted
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.topology import AnyEnds, Topology
 from jaxpound.quantities import column, unit
-from jaxpound.results import elements
 from jaxpound.results.demand import Demand
-from jaxpound.results.elements import ByElement, Columnar, are_concrete, kind_in
+from jaxpound.results.elements import ByElement, Columnar, are_concrete, kind_in, run_numbers
 from jaxpound.results.impacts import FrictionPhase, Impact, ImpactSeries, phases_of
 
 if TYPE_CHECKING:
@@ -286,10 +285,6 @@ class Response(ByElement, Columnar, Shown):
             if not np.isfinite(self.links[link].phase).all():
                 raise InvalidInput("the run", "", "is invalid (its results are NaN)")
 
-    def __getitem__(self, index: Any) -> Response:
-        """Runs of a batch by number, slice or mask, as in an array: ``batch[3]`` is one run."""
-        return elements.chosen(self, index, self.batch)
-
     def plot(self) -> Figure:
         """Ground motion, displacements, friction force and gap over time (``plots.overview``).
 
@@ -327,7 +322,7 @@ class Response(ByElement, Columnar, Shown):
             column(name, kind, self.si): np.broadcast_to(values, (*batch, n)).ravel()
             for name, (kind, values) in self._series().items()
         }
-        runs, time = elements.run_numbers(batch, n) if batch else {}, next(iter(series))
+        runs, time = run_numbers(batch, n) if batch else {}, next(iter(series))
         return runs | {time: series.pop(time)}, series
 
     def _tables(self) -> list[TextTable]:

@@ -1,8 +1,8 @@
 """Random scenarios: structures and ground motions as functions of standard normal numbers.
 
 ``distributions`` map a normal number to a parameter; ``random_structures``, ``random_ground``,
-``random_noise``, ``site_noise`` and their sums, ``ground_draw``, have random parameters;
-``scenarios`` combines them, and ``sampling`` draws the normal numbers of each sample.
+``random_noise`` and their sums have random parameters; ``scenarios`` combines them, and
+``sampling`` draws the normal numbers of each sample.
 """
 
 import lazy_loader

@@ -7,7 +7,7 @@ from .random_ground import RandomRecord as RandomRecord
 from .random_ground import RandomRicker as RandomRicker
 from .random_noise import FilteredNoise as FilteredNoise
 from .random_noise import NonstationaryNoise as NonstationaryNoise
+from .random_noise import SiteBasedNoise as SiteBasedNoise
 from .random_structures import UncertainStructures as UncertainStructures
 from .scenarios import CustomDraw as CustomDraw
 from .scenarios import Scenarios as Scenarios
-from .site_noise import SiteBasedNoise as SiteBasedNoise

@@ -1,9 +1,13 @@
-"""Random ground motions: Ricker wavelets, recorded accelerograms, near-fault velocity pulses."""
+"""Random ground motions that can be added, scaled and brought into other units of time.
+
+Ricker wavelets, recorded accelerograms, near-fault velocity pulses.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Sequence
 from types import NoneType
 from typing import Any
@@ -13,21 +17,165 @@ import numpy as np
 from jax.scipy.special import ndtr, ndtri
 from jaxtyping import Array, Float
 
-from jaxpound._checks import count, instance, require_memory
+from jaxpound._checks import Rule, enforce, finite, instance, number, require_memory
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, Parameter, parameter, part, walk
-from jaxpound.ground.motion import DIMENSIONLESS, time_unit_of
+from jaxpound.ground import motion
 from jaxpound.ground.record import Record, require_records, stacked
 from jaxpound.ground.wavelets import Pulse, Ricker
 from jaxpound.model.parameters import SMALLEST
 from jaxpound.scenarios.distributions import Distribution, TwoSided, require_inside, truncated
-from jaxpound.scenarios.ground_draw import GroundDraw
-from jaxpound.scenarios.scenarios import NUMBER_BYTES
+from jaxpound.scenarios.scenarios import NUMBER_BYTES, Composed, CustomDraw, Draw
 
 # Kinds of quantity of a wavelet's parameters, whose names end with its number, as in ``period_2``.
 WAVELET_KINDS = {"amplitude": "length", "period": "time", "arrival": "time"}
 _PULSE = {name: rule for name, rule, _ in walk(Pulse, Parameter)}  # parameters of a pulse
 _POSITIVE = {name for name, rule in _PULSE.items() if rule.above == 0}
+
+
+class GroundDraw(motion.Addable["SumOfDraws", "ScaledDraw"], Draw):
+    """Base class of random ground motions: sums, scalings, another unit of time.
+
+    They are combined as in ``motion.Addable``: one of two summands may be a fixed ground motion,
+    and the factor may be a ``Distribution``.
+    """
+
+    time_unit: str | None = None  # None if unknown
+
+    @property
+    def discrete(self) -> tuple[int, ...]:
+        """Indices of the numbers of which the motion is a step function."""
+        return ()
+
+    def dimensionless(self, frequency: Any) -> GroundDraw:
+        """These motions converted from seconds to units of 1/ω1, ω1 = ``frequency`` in rad/s."""
+        return _Dimensionless(self, frequency)
+
+    def _make_sum(self, *terms: Any) -> SumOfDraws:
+        return SumOfDraws(terms)
+
+    def _make_scaled(self, term: Any, factor: Any) -> Any:
+        if isinstance(term, Draw):
+            return ScaledDraw(term, factor)
+        return motion.as_motion(term) * factor
+
+
+@dataclasses.dataclass(frozen=True)
+class SumOfDraws(Composed, GroundDraw):
+    """The sum of several ground motions, each fixed or drawn, independently of each other.
+
+    The parts are draws, at least one, and fixed ground motions or functions of t, all in one unit
+    of time; others raise ``ValueError``. The standard normal numbers are those of one part after
+    the other. If several parts have a parameter of the same name, the name ends with the part's
+    number: ``noise_1_of_2``.
+
+    Examples
+    --------
+    >>> noise = jp.FilteredNoise(jp.KanaiTajimi(2.0, 0.6), samples=100, dt=0.1, intensity=0.1)
+    >>> near_fault = jp.Pulse(amplitude=0.2, period=3.0, arrival=4.0) + noise
+    >>> near_fault.dimension
+    100
+    """
+
+    parts: tuple[Any, ...]
+
+    def __post_init__(self) -> None:
+        flat = (p.parts if isinstance(p, SumOfDraws) else (p,) for p in self.parts)
+        object.__setattr__(self, "parts", tuple(term for terms in flat for term in terms))
+        if not any(isinstance(x, Draw) for x in self.parts):
+            raise InvalidInput("parts", "", "must hold at least one that is drawn")
+        for i, term in enumerate(self.parts):
+            if not isinstance(term, Draw):
+                motion.require_ground(f"parts[{i}]", term)
+        if len(units := sorted({*self._units()})) > 1:
+            rule = "must be in the same unit of time, but are in " + " and ".join(units)
+            raise InvalidInput("parts", "", rule)
+
+    @property
+    def time_unit(self) -> str | None:  # type: ignore[override]
+        """Unit of time of the parts; None if no part has one."""
+        return next(iter(self._units()), None)
+
+    def draw(self, z: Float[Array, " d"]) -> Any:
+        """The sum of the motions drawn."""
+        first, *others = map(motion.as_motion, self._drawn(z))
+        return sum(others, first)
+
+    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
+        """The parameters of all parts."""
+        each = self._parameters(z)
+        times = Counter(name for drawn in each for name in drawn)
+        return {
+            f"{name}_of_{i}" if times[name] > 1 else name: value
+            for i, drawn in enumerate(each, 1)
+            for name, value in drawn.items()
+        }
+
+    def _parts(self) -> tuple[Any, ...]:
+        return self.parts
+
+    def _units(self) -> list[str]:
+        groups = ([x] if isinstance(x, Draw) else motion.records_in(x) for x in self.parts)
+        units = (getattr(term, "time_unit", None) for group in groups for term in group)
+        return [unit for unit in units if unit]
+
+
+@dataclasses.dataclass(frozen=True)
+class ScaledDraw(Composed, GroundDraw):
+    """A random ground motion times a factor, which is fixed or drawn.
+
+    The factor is a finite number, or a ``Distribution``, which takes one more standard normal
+    number, the last; the parameter ``scale``. Others raise ``ValueError``.
+    """
+
+    ground: Draw
+    factor: Any
+
+    def __post_init__(self) -> None:
+        instance("ground", self.ground, Draw)
+        if not isinstance(self.factor, Distribution):
+            factor = number("factor", self.factor)
+            enforce([Rule("factor", factor, finite(factor), "finite")])
+            object.__setattr__(self, "factor", factor)
+
+    @property
+    def time_unit(self) -> str | None:  # type: ignore[override]
+        """Unit of time of the ground motion."""
+        return getattr(self.ground, "time_unit", None)
+
+    def draw(self, z: Float[Array, " d"]) -> Any:
+        """The motion drawn, scaled."""
+        ground, factor = self._drawn(z)
+        return motion.as_motion(ground) * factor
+
+    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
+        """The parameters of the ground motion, and the factor if it is random."""
+        random = isinstance(self.factor, Distribution)
+        scale = {"scale": self.factor.from_normal(z[-1])} if random else {}
+        return self._parameters(z)[0] | scale
+
+    def _parts(self) -> tuple[Any, ...]:
+        if not isinstance(self.factor, Distribution):
+            return self.ground, self.factor
+        return self.ground, CustomDraw(lambda z: self.factor.from_normal(z[0]), 1)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Dimensionless(Composed, GroundDraw):
+    """The motions of a draw in seconds, converted to units of 1/ω1."""
+
+    ground: GroundDraw
+    frequency: Any
+    time_unit = motion.DIMENSIONLESS
+
+    def __post_init__(self) -> None:
+        motion.require_seconds("ground", self.ground)
+
+    def draw(self, z: Float[Array, " d"]) -> Any:
+        return self._drawn(z)[0].dimensionless(self.frequency)
+
+    def _parts(self) -> tuple[Any, ...]:
+        return (self.ground,)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +211,7 @@ class RandomRicker(Checked, GroundDraw):
     (15, ())
     """
 
-    wavelets: int
+    wavelets: int = parameter(whole=True)
     amplitude: Distribution = part(Distribution)
     periods: Distribution = part(Distribution)
     arrivals: Distribution = part(Distribution)
@@ -71,12 +219,11 @@ class RandomRicker(Checked, GroundDraw):
     intensity: Distribution | None = part(Distribution, NoneType, default=None)
 
     def __post_init__(self) -> None:
-        n = count("wavelets", self.wavelets)
-        require_memory("wavelets", n, 4 * n * NUMBER_BYTES)
         if self.negative is None:
             two_sided = isinstance(self.amplitude, TwoSided)
             object.__setattr__(self, "negative", 0.0 if two_sided else 0.5)
         super().__post_init__()
+        require_memory("wavelets", self.wavelets, 4 * self.wavelets * NUMBER_BYTES)
         require_inside("periods", self.periods, SMALLEST, math.inf)
 
     @property
@@ -209,10 +356,10 @@ class RandomPulse(GroundDraw):
     arrival: Any
     phase: Any = 0.0
     cycles: Any = 2.0
-    time_unit: str = DIMENSIONLESS
+    time_unit: str = motion.DIMENSIONLESS
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time_unit", time_unit_of(self.time_unit))
+        object.__setattr__(self, "time_unit", motion.time_unit_of(self.time_unit))
         if not self._random():
             raise InvalidInput("one of the parameters", "", "must be a Distribution")
         for name in _PULSE:

@@ -248,8 +248,7 @@ class CustomDraw:
         if not all(is_whole(i) and 0 <= i < n for i in discrete):
             rule = f"must be indices from 0 to {n - 1}"
             raise InvalidInput("discrete", str(discrete), rule)
-        object.__setattr__(self, "names", names)
-        object.__setattr__(self, "discrete", discrete)
+        vars(self).update(names=names, discrete=discrete)
 
     def draw(self, z: Float[Array, " d"]) -> Any:
         """The function's result at z."""

@@ -315,14 +315,14 @@ def describe(value: Any) -> Any:
 
 
 def identity(
-    search: str, columns: tuple[str, ...], chunk_size: int, program: str, **inputs: Any
+    search: str | None, columns: tuple[str, ...], chunk_size: int, program: str, **inputs: Any
 ) -> dict[str, Any]:
-    """Everything that determines the numbers of an analysis, as JSON.
+    """Everything that determines the numbers of an analysis, or without ``search`` of a study.
 
-    ``search`` is its kind, in words; ``program`` a ``program_digest``; ``inputs`` all else by name.
+    It is JSON: ``search`` the kind of analysis, in words; ``program`` a ``program_digest``;
+    ``inputs`` all else by name.
     """
-    return {
-        "search": search,
+    return ({"search": search} if search else {}) | {
         "versions": {"jaxpound": __version__, "jax": jax.__version__},
         "precision": str(jnp.zeros(()).dtype),
         "columns": list(columns),

@@ -1,10 +1,10 @@
 """Monte Carlo studies: many earthquakes, statistics of their demands, fragilities, sensitivities.
 
-``run`` runs a study ``chunk`` by chunk; ``study`` is the result, with the ``demands`` in its
-``columns``, their ``statistics`` (with ``weighting`` for samples of unequal weight), required
-``gaps`` and ``fragility``. ``sensitivity`` computes Sobol indices, ``spectrum`` the ductilities of
-many oscillators, ``divergence`` the growth of a small change of a run, and ``rod_tests`` the force
-of a rod alone.
+``run`` runs a study ``chunk`` by chunk and keeps what its ``storage`` says; ``study`` is the
+result, with the ``demands``, their ``statistics`` (with ``weighting`` for samples of unequal
+weight), required ``gaps`` and ``fragility``. ``sensitivity`` computes Sobol indices, ``spectrum``
+the ductilities of many oscillators, ``divergence`` the growth of a small change of a run, and
+``rod_tests`` the force of a rod alone.
 """
 
 import lazy_loader

@@ -17,7 +17,6 @@ import scipy
 
 from jaxpound._checks import refusal
 from jaxpound._errors import InvalidInput
-from jaxpound._version import __version__
 from jaxpound._xla.batches import even_share, in_chunks, runs_at_a_time
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground
@@ -30,8 +29,9 @@ from jaxpound.scenarios import scenarios as sets
 from jaxpound.scenarios.sampling import Points, as_key, points
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
+from jaxpound.store import store
 from jaxpound.store.archive import DamagedError, digest, require_name
-from jaxpound.store.store import Store, describe, program_digest
+from jaxpound.store.store import Store, program_digest
 from jaxpound.study.demands import demands_of
 from jaxpound.study.statistics import Moments
 from jaxpound.study.storage import Storage
@@ -79,7 +79,6 @@ class Task:
         """Everything that determines the study's numbers, as JSON; not the number of samples."""
         (kind, numbers), storage = self.key, self.storage
         partitionable = bool(jax.config.jax_threefry_partitionable)  # type: ignore[attr-defined]
-        versions = {"jaxpound": __version__, "jax": jax.__version__, "scipy": scipy.__version__}
 
         def drawn(z: jax.Array) -> Any:  # its program identifies the functions
             structures, ground = self.scenarios.realize(z)
@@ -87,21 +86,15 @@ class Task:
             kept = sets.parameters(self.scenarios, z) if storage.keep_parameters else {}
             return structures, as_run(ground, self.grid, gravity_of(structures)), measured, kept
 
-        kept_names = sets.parameter_names(self.scenarios) if storage.keep_parameters else ()
-        return {
-            "versions": versions,
-            "precision": "float64" if self.x64 else "float32",
-            "key": {"kind": kind, "numbers": list(numbers), "partitionable": partitionable},
-            "sampling": self.sampling,
-            "chunk_size": self.chunk_size,
-            "columns": list(sets.keys_in_order(self.run, self.z_type())),
-            "parameters": list(kept_names),
-            "grid": describe(self.grid),
-            "scheme": describe(self.scheme),
-            "scenarios": describe(self.scenarios),
-            "measures": describe(storage.measures),
-            "program": program_digest(drawn, self.z_type()),
-        }
+        inputs = {name: getattr(self, name) for name in ("sampling", "grid", "scheme", "scenarios")}
+        inputs["key"] = {"kind": kind, "numbers": numbers, "partitionable": partitionable}
+        inputs["measures"], inputs["parameters"] = storage.measures, ()
+        if storage.keep_parameters:
+            inputs["parameters"] = sets.parameter_names(self.scenarios)
+        columns = sets.keys_in_order(self.run, self.z_type())
+        program = program_digest(drawn, self.z_type())
+        identity = store.identity(None, columns, self.chunk_size, program, **inputs)
+        return identity | {"versions": identity["versions"] | {"scipy": scipy.__version__}}
 
     def identified(self, identity: dict[str, Any]) -> Task:
         """The task with the columns' names and the fingerprint of its programs."""

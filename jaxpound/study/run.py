@@ -31,11 +31,10 @@ from jaxpound.scenarios.scenarios import ScenarioSet, structures_of, topology_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.store.store import Store, describe
 from jaxpound.study.chunk import Columns, Outcome, Task, cached, finished, total
-from jaxpound.study.columns import in_rows
 from jaxpound.study.demands import doubts, unreached
 from jaxpound.study.statistics import Moments
 from jaxpound.study.storage import Storage
-from jaxpound.study.study import Study
+from jaxpound.study.study import Study, in_rows
 from jaxpound.units import result_units
 
 _MOMENTS_BYTES = 250  # of a column of a chunk

@@ -17,7 +17,6 @@ class Weighting:
 
     by: str | np.ndarray  # a column's name, or the weights, shape (n,)
     normalised: bool  # see ``Study.weighted``
-    curve: Any = None  # the points of the hazard curve that made the weights, if one did
 
 
 def require_weights(weights: np.ndarray) -> None:

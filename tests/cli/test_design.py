@@ -9,7 +9,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._tables import rounded
-from jaxpound.cli import design, design_report, files, main, parameters, reading, simulate
+from jaxpound.cli import design, files, main, parameters, reading, simulate
 from jaxpound.design import search
 from jaxpound.design.search import Descent
 from jaxpound.model.parameters import get
@@ -39,8 +39,8 @@ def test_the_example_and_goals_in_words_of_the_library(write):
     assert (search.starts, search.iterations, search.key, search.batch) == (4, 100, 0, None)
     least = '"least demand" & demand = "peak_x1" & # over -> over = 0.1'
     for changes, goal in (
-        ('"worst gap"', jp.design.WorstGap()),
-        ('"CVaR" & share = 0.2', jp.design.CVaR(0.2)),
+        ('"worst gap"', jp.SmallestGap("worst")),
+        ('"CVaR" & share = 0.2', jp.SmallestGap(0.2)),
         ('"soft minimum" & temperature = 0.02', jp.design.SoftMinimum(0.02)),
         ('"pounding probability"', jp.PoundingProbability()),
         (least, jp.design.LeastDemand("peak_x1", 0.1)),
@@ -185,10 +185,10 @@ def test_a_design_with_contact(write):
     shares = space.shares(space.nominal)
     shares[space.names.index("links.0.contact.stiffness")] = 0.0
     shares[space.names.index("links.0.gap")] = 1.0
-    start, after = space.numbers(space.shares(space.nominal)), space.numbers(shares)
+    start, after = space.values(space.shares(space.nominal)), space.values(shares)
     found = SimpleNamespace(structures=space.structures(shares), space=space, active_bounds={})
     found.start, found.values = ({x: float(y) for x, y in z.items()} for z in (start, after))
-    rows = design_report.answer_of(found, parameters.Parameters(given.layout))
+    rows = design.answer_of(found, parameters.Parameters(given.layout))
     answer = {row["quantity"]: row for row in rows}
     row, gap = answer["contact stiffness, 1–2, floor 1"], answer["gap at rest, 1–2, floor 1"]
     assert row["unit"] == "N/m"

@@ -8,7 +8,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.cli import files, ida, main, reading
-from jaxpound.hazard.suite_runs import SuiteRuns
+from jaxpound.hazard.analysis import SuiteRuns
 from tests.cli.commands import changed, example_pair, faults, refusal, run
 from tests.cli.written import csv_rows, is_figure, number, summary, tables
 from tests.ground.test_suite import SUITE, at2
@@ -80,7 +80,7 @@ def test_a_stopped_analysis_goes_on(done, folder, monkeypatch):
     assert told.startswith(f"finished runs are kept in {store}, and the same command")
     for _ in range(2):  # the second time from the files alone
         assert run(*arguments) == done[0].replace(str(done[1]), str(out))
-        monkeypatch.setattr("jaxpound.hazard.suite_runs.in_chunks", lambda *_: None)
+        monkeypatch.setattr("jaxpound.hazard.analysis.in_chunks", lambda *_: None)
     for name in ("capacities.csv", "curves.csv"):
         assert (out / name).read_text() == (done[1] / name).read_text()
 

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 import jaxpound as jp
 from jaxpound.cli import files, rare, reading
 from jaxpound.cli import main as cli
-from jaxpound.reliability.observers import POSITIONS, observed_at
+from jaxpound.reliability.instants import observed_at
 from tests.cli.commands import changed, example_pair, refusal, run
 from tests.cli.written import csv_rows, number, summary, tables
 from tests.reliability.test_subset import stopped
@@ -55,7 +55,7 @@ def test_the_probability_is_that_of_plain_runs_and_told_in_newtons(done):
     assert z[0]["reliability_index"] == min(x["reliability_index"] for x in z)
     record = jp.read_record(folder / "out" / "design_earthquake.csv", units="g")
     at = round(z[0]["time_s"] / 0.03)
-    *_, closing = observed_at(POSITIONS, pair, record, grid, jp.Scheme(), at)
+    *_, closing = observed_at("length", pair, record, grid, jp.Scheme(), at)
     assert float(closing) == pytest.approx(0.09, rel=0.02)
     out = folder / "out"
     figures = {"design_earthquake.png", "probability.png"}

@@ -8,7 +8,7 @@ from matplotlib.image import imread
 
 import jaxpound as jp
 from jaxpound.cli import files, simulate
-from jaxpound.cli.results import lines
+from jaxpound.cli.simulate import result_lines
 from jaxpound.model.places import rod_places
 from tests.cli.commands import changed, simulated
 from tests.cli.written import csv_rows, summary
@@ -124,6 +124,6 @@ def test_every_figure_is_drawn_and_what_a_row_lacks_is_not_told(of_example):
     results = summary(of_example[1])["results"]
     for link in results["links"]:
         link |= {"contact": None, "friction_force_N": 0.0}
-    told = "\n".join(lines(results))
+    told = "\n".join(result_lines(results))
     assert not re.search(r"damper|contact \S+ J|collapsed|bearings", told)
     assert "overlap" in told

@@ -100,7 +100,8 @@ def test_braces_alone_have_a_response_to_be_least():
     text = changed(DESIGN, f"{SHORT} & total_damper_force = 4e5")
     head, tail = text[: text.index("[[building]]")], text[text.index("# Random earthquakes") :]
     file = File("row.toml", head + BRACES + tail)
-    says = r"objective: goal = MeanGap\(\) must not be of gaps where no link has a finite one"
+    goal = r"SmallestGap\(over='mean'\)"
+    says = rf"objective: goal = {goal} must not be of gaps where no link has a finite one"
     with pytest.raises(ValueError, match=says):
         design.prepared(file, file.read(design.DesignConfig))
     least = changed(file.text, 'goal = "least demand" & demand = "peak_drift"')

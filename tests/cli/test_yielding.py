@@ -8,7 +8,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound._fields import pytree_dataclass
-from jaxpound.cli import buildings, montecarlo, reading, yielding
+from jaxpound.cli import buildings, montecarlo, reading
 from jaxpound.model.parameters import get
 from tests.cli.commands import command_for, layout_of, run, simulated
 from tests.cli.written import csv_rows, summary
@@ -113,7 +113,7 @@ class OwnLaw(jp.Bilinear):
 
 OWN = FRAME.yielding(OwnLaw, yield_force=1e6).storeys
 OF_FILES = "hysteresis must be by a law of a file, bilinear"
-test_laws_of_no_file = refusals((yielding.keys_of, OWN, OF_FILES))
+test_laws_of_no_file = refusals((buildings.keys_of, OWN, OF_FILES))
 
 
 def test_simulate_says_what_the_library_does(pulse, tmp_path):

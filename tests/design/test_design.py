@@ -14,14 +14,14 @@ from scipy import stats
 from tqdm.auto import tqdm
 
 import jaxpound as jp
-from jaxpound.cli.design_report import summary
+from jaxpound.cli.design import summary
 from jaxpound.cli.files import json_text
 from jaxpound.design import search as design_search
 from jaxpound.design.lagrangian import AugmentedLagrangian
 from jaxpound.design.problem import DesignProblem
 from jaxpound.results.named import LIMITABLE_OF_PAIR, kind_of
 from tests.design.searches import in_search
-from tests.made import OF_CONTACT
+from tests.made import OF_CONTACT, in_si
 from tests.pickled import assert_survives_pickling
 from tests.refusals import refusals, refused
 from tests.study.test_demands import linked
@@ -96,7 +96,7 @@ def test_the_optimum_of_a_bowl(stand_in):
 
 PEAK = {"friction": 0.6, "mass_ratio": 1.5}
 
-WORST = jp.Objective(jp.design.WorstGap())
+WORST = jp.Objective(jp.SmallestGap("worst"))
 OPTIMA = {
     "line searches": (MEAN, {"optimiser": optax.lbfgs(), "iterations": 12}, PEAK, 1e-6),
     "a penalty": (jp.Objective(penalties={"damper_force": 0.2}), {}, {"friction": 0.5}, 1e-3),
@@ -290,8 +290,7 @@ def test_si_units_are_those_of_the_demands():
     scales, paper = jp.Scales(mass=500e3, frequency=7.0), jp.paper.ground()
     length, time = 0.01 * float(scales.length), float(scales.time)
     made = dataclasses.replace(PAPER, friction=0.004, initial_gap=0.01)
-    left, right, force, gap = scales.buildings(made)
-    pair = jp.Buildings((left, right), (jp.FloorLink(0, 0, friction=force, gap=gap),))
+    pair = in_si(made, scales)
     ground = jp.Ricker(0.01 * paper.amplitude, paper.periods, paper.arrivals)
     same = jp.Ricker(length * paper.amplitude, time * paper.periods, time * paper.arrivals)
 
@@ -301,7 +300,7 @@ def test_si_units_are_those_of_the_demands():
         return problem.demands(structures, ground)
 
     plain = demands(SPACE, made, ground, GRID)
-    space = jp.DesignSpace(pair, {"links.0.friction": (0.0, 2 * force)})
+    space = jp.DesignSpace(pair, {"links.0.friction": (0.0, 2 * pair.links[0].friction)})
     si = demands(space, pair, same, jp.TimeGrid(GRID.dt * time, GRID.n_steps))
     names = {"min_gap", "initial_gap", "damper_force", *LIMITABLE_OF_PAIR} - {*OF_CONTACT}
     assert names == plain.keys() == si.keys()

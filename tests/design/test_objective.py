@@ -21,8 +21,8 @@ def goal(which, gaps=GAPS):
 
 
 def test_goals_are_their_definitions():
-    assert goal(jp.MeanGap()) == pytest.approx(GAPS.mean())
-    assert goal(jp.design.WorstGap()) == GAPS.min()
+    assert goal(jp.SmallestGap()) == pytest.approx(GAPS.mean())
+    assert goal(jp.SmallestGap("worst")) == GAPS.min()
     assert goal(jp.design.GapAtRest()) == -1.0
     soft = -0.1 * np.log(np.mean(np.exp(-GAPS / 0.1)))
     assert goal(jp.design.SoftMinimum(0.1)) == pytest.approx(soft)
@@ -30,11 +30,11 @@ def test_goals_are_their_definitions():
     assert goal(jp.design.SoftMinimum(1e4)) == pytest.approx(GAPS.mean(), abs=1e-4)
     gaps = stats.norm.ppf((np.arange(200_000) + 0.5) / 200_000)
     expected = -stats.norm.pdf(stats.norm.ppf(0.1)) / 0.1
-    assert goal(jp.design.CVaR(0.1), gaps) == pytest.approx(expected, abs=1e-4)
+    assert goal(jp.SmallestGap(0.1), gaps) == pytest.approx(expected, abs=1e-4)
     # Rockafellar and Uryasev: of losses l the smallest of c + mean(max(l − c, 0)) / share over c.
     for share in (0.1, 0.13, 0.5, 0.999, 0.001):
         values = [c + np.mean(np.maximum(-GAPS - c, 0)) / share for c in -GAPS]
-        assert -goal(jp.design.CVaR(share)) == pytest.approx(min(values), rel=1e-12)
+        assert -goal(jp.SmallestGap(share)) == pytest.approx(min(values), rel=1e-12)
     required = REST - GAPS
     for gap in (0.5, 0.7, 0.9):
         assert goal(jp.PoundingProbability(gap, width=1e-6)) == -np.mean(required >= gap)
@@ -48,7 +48,7 @@ def slope_of(which, gaps=GAPS, rest=REST):
     return jax.jit(jax.grad(lambda gaps: which(gaps, jnp.asarray(rest))))(jnp.asarray(gaps))
 
 
-GOALS = [jp.MeanGap(), jp.design.WorstGap(), jp.design.SoftMinimum(0.1), jp.design.CVaR(0.13)]
+GOALS = [*map(jp.SmallestGap, ("mean", "worst", 0.13)), jp.design.SoftMinimum(0.1)]
 
 
 @pytest.mark.parametrize("which", [*GOALS, jp.PoundingProbability(0.7, 0.1)])
@@ -91,7 +91,6 @@ def test_an_objective_is_goal_less_penalties_and_its_limits_are_prices():
         expected = float(gathered(demands["peak_drift"], over))
         assert -float(objective.value(demands)) == objective.size(demands) == expected
     assert (objective.demand, objective.quantity) == ("peak_drift", "length")
-    assert not objective.needs_gap
     assert Objective(LeastDemand("peak_acceleration_2")).quantity == "acceleration"
     assert objective.size({"peak_drift": jnp.zeros(3)}) == 1.0
     assert objective.limited_demands(demands).shape == (0,)
@@ -101,7 +100,7 @@ NEGATIVE = "total_damper_force = -1 must be positive and fin"
 MEANT = r"unknown demand 'total_damper'.* mean 'total_damper_f"
 test_bad_objectives_are_named = refusals(
     (lambda: jp.design.SoftMinimum(0.0), "temperature = 0 must be positive"),
-    (lambda: jp.design.CVaR(1.0), "share = 1 must be above 0 and below 1"),
+    (lambda: jp.SmallestGap(1.0), "SmallestGap: over = 1 must be between 0 and 1"),
     (lambda: jp.PoundingProbability(-0.1), "gap = -0.1 must be finite and not negative"),
     (lambda: jp.PoundingProbability(0.1, 0.0), "width = 0 must be positive"),
     (lambda: LeastDemand("peak_drft"), "LeastDemand: unknown demand 'peak_drft'; did you mea"),
@@ -111,7 +110,7 @@ test_bad_objectives_are_named = refusals(
     (lambda: Limit(1.0, "median"), "over = 'median' must be 'worst', 'mean' or a share"),
     (lambda: Limit(1.0, 2.0), "over = 2 must be between 0 and 1"),
     (lambda: jp.design.Penalty(-1.0), "weight = -1 must be finite and not negative"),
-    (lambda: Objective(jp.MeanGap), "goal = .* must be a function"),
+    (lambda: Objective(jp.SmallestGap), "goal = .* must be a function"),
     (lambda: Objective("gap"), "goal = 'gap' must be a function"),
     (lambda: Objective(limits={"peak_g1": 1.0}), "unknown demand 'peak_g1' in limits; did"),
     (lambda: Objective(limits={"total_damper_force": -1.0}), NEGATIVE),

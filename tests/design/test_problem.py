@@ -70,7 +70,7 @@ NO_LINK = dataclasses.replace(SYSTEM, links=()), {"masses.0": (0.5, 1.0)}
 
 @pytest.mark.parametrize(("system", "variables"), [(OPEN, FRICTION), NO_LINK])
 def test_without_a_gap_a_goal_of_gaps_is_refused(system, variables):
-    for goal in (jp.MeanGap(), jp.design.GapAtRest(), jp.PoundingProbability()):
+    for goal in (jp.SmallestGap(), jp.design.GapAtRest(), jp.PoundingProbability()):
         named = rf"goal = {type(goal).__name__}\(.*\) must not be of gaps"
         refused(f"^DesignProblem: objective: {named}", problem, system, variables, goal=goal)
     posed = problem(system, variables, goal=jp.design.LeastDemand("peak_drift"))

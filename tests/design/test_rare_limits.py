@@ -11,6 +11,7 @@ from jaxpound.design.problem import LogRatios, RareEstimates
 from jaxpound.design.rare_limits import TrustRegion, updated_curvatures
 from jaxpound.design.run import InfeasibleError
 from tests.design.searches import in_search
+from tests.made import in_si
 from tests.refusals import refusals
 from tests.reliability import case_w
 
@@ -108,8 +109,7 @@ def test_the_least_damper_for_one_in_ten_millions_of_a_gap_in_metres():
     closing = 0.645 * float(scales.length)
     seldom = {"required_gap": jp.design.Limit(closing, probability=1e-7)}
     goal = jp.Objective(jp.design.LeastDemand("damper_force"), limits=seldom)
-    left, right, force, gap = scales.buildings(PAPER)
-    pair = jp.Buildings((left, right), (jp.FloorLink(0, 0, friction=force, gap=gap),))
+    pair = in_si(PAPER, scales)
     unit, dt = float(scales.force), case_w.DT * float(scales.time)
     space = jp.DesignSpace(pair, {"links.0.friction": (0.05 * unit, unit)})
 

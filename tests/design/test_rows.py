@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.cli import design_report, files
+from jaxpound.cli import design as design_command
+from jaxpound.cli import files
 from jaxpound.plots import designs as plots
 from tests.refusals import refusals, refused
 from tests.rows import GAPS, GRID, ROW, STEEL, WAVES
@@ -245,8 +246,8 @@ def test_a_brace_of_least_acceleration_and_what_is_told_of_it():
     assert plots.convergence(found).get_ylabel() == "objective (m/s²)"
     assert plots.before_and_after(compared).get_xlabel() == "peak $|a_1|$ (m/s²)"
     others = {"shake": found.compare(jp.Ensemble.of(waves[:1], grid))}
-    answers = files.json_text(design_report.summary(found, [], others))
-    told = files.page("Design", design_report.tables_of(found, [], others), [])
+    answers = files.json_text(design_command.summary(found, [], others))
+    told = files.page("Design", design_command.tables_of(found, [], others), [])
     assert "gap" not in told + answers
     assert "pound" not in told + answers
     assert "Peak absolute acceleration of building 1 changed by -" in told

@@ -9,8 +9,7 @@ import pytest
 from scipy import integrate, linalg, signal, stats
 
 import jaxpound as jp
-from jaxpound.ground.evolving import evolving_noise, high_passed, modulation
-from jaxpound.ground.noise import causal, filtered
+from jaxpound.ground.noise import causal, evolving_noise, filtered, high_passed, modulation
 from tests.ground.motions import values
 from tests.refusals import refusals
 

@@ -25,7 +25,7 @@ def test_factors_are_the_bounded_least_squares():
         assert np.log(factor) == pytest.approx(best.x[0], abs=1e-6)
         assert misfit == pytest.approx(np.sqrt(2 * best.cost / wanted.size), rel=1e-6)
     assert found.at_bound == ("fast",)
-    assert (found.bounds.low, found.bounds.high) == (0.25, 3.0)
+    assert found.bounds == (0.25, 3.0)
     np.testing.assert_allclose(found.accelerations, found.suite.spectra(found.periods), rtol=1e-9)
     off = np.log(found.accelerations.mean(axis=0) / TARGET.at(found.periods))
     assert found.misfit == pytest.approx(np.sqrt(np.mean(off**2)))

@@ -7,7 +7,7 @@ import pytest
 from tqdm.auto import tqdm
 
 import jaxpound as jp
-from jaxpound.hazard import suite_runs
+from jaxpound.hazard import analysis as analyses
 from jaxpound.hazard.ida import Brackets, by_newton, by_sections
 from jaxpound.plots import ida as plots
 from tests.ground.test_suite import SUITE
@@ -158,7 +158,7 @@ def test_records_that_return_are_strong_or_unfit_are_named(capsys):
 @pytest.fixture
 def counted(monkeypatch):
     """Sizes of the batches that are run; stopped by an interrupt where ``most`` is reached."""
-    sizes, in_chunks = [], suite_runs.in_chunks
+    sizes, in_chunks = [], analyses.in_chunks
 
     def counting(function, size):
         program = in_chunks(function, size)
@@ -172,8 +172,8 @@ def counted(monkeypatch):
         return run
 
     counting.most = None
-    monkeypatch.setattr(suite_runs, "in_chunks", counting)
-    monkeypatch.setattr(suite_runs, "runs_at_a_time", lambda: 32)
+    monkeypatch.setattr(analyses, "in_chunks", counting)
+    monkeypatch.setattr(analyses, "runs_at_a_time", lambda: 32)
     return counting, sizes
 
 

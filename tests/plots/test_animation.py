@@ -10,8 +10,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 import jaxpound as jp
-from jaxpound.plots.animation import animate, still
-from jaxpound.plots.moving_rows import Scene
+from jaxpound.plots.animation import Scene, animate, still
 from jaxpound.plots.style import COLOURS
 from tests.made import changed, pair_response, row_of, row_response
 from tests.plots.runs import GROUND, LAW, PAIR, SCALES, SHORT, legend, new_axes, paper_run

@@ -29,7 +29,7 @@ TOUCHING = {"contact_left": np.array([7.0, 0.0, 1.0]), "contact_right": np.array
 
 
 def test_demands_of_a_floor_stand_where_they_are(ax):
-    plots.envelope(floors(3), "acceleration", [3.0, 6.5, 10.0], ax)
+    plots.envelope((floors(3),), "acceleration", [[3.0, 6.5, 10.0]], ax)
     (line,) = ax.lines
     np.testing.assert_allclose(line.get_xydata(), [(3.0, 3.0), (3.1, 6.5), (3.2, 10.0)])
     assert line.get_color() == COLOURS["structure 1"]
@@ -39,11 +39,11 @@ def test_demands_of_a_floor_stand_where_they_are(ax):
     # Zero at the ground; constant over a storey; the larger of both sides, where it acts.
     for demands, quantity, elevations, points in (
         (floors(2), "displacement", None, [(0, 0), (1.0, 1), (1.1, 2)]),
-        (floors(2), "drift", [3.0, 7.0], [(2.0, 0), (2.0, 3), (2.1, 3), (2.1, 7)]),
-        (floors(2), "shear", [3.0, 7.0], [(4.0, 0), (4.0, 3), (4.1, 3), (4.1, 7)]),
+        (floors(2), "drift", [[3.0, 7.0]], [(2.0, 0), (2.0, 3), (2.1, 3), (2.1, 7)]),
+        (floors(2), "shear", [[3.0, 7.0]], [(4.0, 0), (4.0, 3), (4.1, 3), (4.1, 7)]),
         (touching, "contact", None, [(7.0, 1.0), (5.0, 3.0)]),
     ):
-        ax = plots.envelope(demands, quantity, elevations, new_axes())
+        ax = plots.envelope((demands,), quantity, elevations, new_axes())
         np.testing.assert_array_equal(ax.lines[0].get_xydata(), points)
         assert ax.get_ylabel() == ("floor" if elevations is None else "height (m)")
 
@@ -52,7 +52,7 @@ def test_a_batch_is_a_median_and_a_band_and_forces_are_in_the_unit_of_their_labe
     rng = np.random.default_rng(1)
     runs = jax.tree.map(lambda x: x * rng.lognormal(size=(2, 20, 1)), floors(2))
     broken = jax.tree.map(lambda x: np.concatenate([x, np.full((2, 1, 2), np.nan)], 1), runs)
-    plots.envelope(broken, "acceleration", ax=ax)
+    plots.envelope((broken,), "acceleration", ax=ax)
     values = runs.acceleration.reshape(-1, 2)
     low, middle, high = np.quantile(values, [0.16, 0.5, 0.84], axis=0)
     np.testing.assert_allclose(ax.lines[0].get_xdata(), middle)
@@ -61,10 +61,10 @@ def test_a_batch_is_a_median_and_a_band_and_forces_are_in_the_unit_of_their_labe
     assert (corners.min(), corners.max()) == pytest.approx((low.min(), high.max()))
     assert 0 == ax.get_xlim()[0] < high.max() < ax.get_xlim()[1]
     strong = dataclasses.replace(floors(2), shear=np.array([3e6, 2e6]))
-    ax = plots.envelope(strong, "shear", ax=new_axes())
+    ax = plots.envelope((strong,), "shear", ax=new_axes())
     assert ax.get_xlabel().endswith("(kN)")
     assert ax.lines[0].get_xdata()[0] == pytest.approx(3000.0)
-    dimensionless = plots.envelope(floors(2, si=False), "shear", ax=new_axes())
+    dimensionless = plots.envelope((floors(2, si=False),), "shear", ax=new_axes())
     assert dimensionless.get_xlabel().endswith("($m_1 g$)")
 
 
@@ -111,7 +111,7 @@ def test_runs_are_compared_by_name_in_a_row_for_each_building():
     for ax in figure.axes:
         assert [line.get_color() for line in ax.lines] == shades(2)
     assert figure.axes[0].get_ylabel() == "building 1\nheight (m)"
-    ax = plots.envelope({"a": floors(3), "b": floors(3)}, ax=new_axes())
+    ax = plots.envelope({"a": (floors(3),), "b": (floors(3),)}, ax=new_axes())
     assert legend(ax) == ["a", "b"]
     # With and without contact; a warning of a layout that cannot be made would be an error.
     figure = plots.envelopes({"alone": (floors(3, contact=False),), "with": (floors(3),)})
@@ -124,7 +124,7 @@ def test_ductility_is_that_of_the_buildings_that_yield(ax):
     low = dataclasses.replace(floors(1), ductility=np.array([4.0]))
     row = (floors(3, 0, contact=False), yielding, low)
     heights = [[3.0, 6.0, 9.0], [4.0, 8.0], [3.0]]
-    assert plots.ductility(row, heights, ax) is ax
+    assert plots.envelope(row, "ductility", heights, ax) is ax
     lines = [line for line in ax.lines if not line.get_label().startswith("_")]
     np.testing.assert_array_equal(lines[0].get_xydata(), [(3, 0), (3, 4), (0.5, 4), (0.5, 8)])
     np.testing.assert_array_equal(lines[1].get_xydata(), [(4, 0), (4, 3)])
@@ -153,28 +153,29 @@ def test_no_label_touches_another(n_floors, legible):
 
 ONE, TWO = floors(1), floors(2)
 LOST = jax.tree.map(lambda x: x * np.nan, TWO)
-AT, OF_FLOORS = "envelope: elevations", "must be the heights of 2 floors above the ground"
+AT, OF_FLOORS = r"envelope: elevations\[0\]", "must be the heights of 2 floors above the ground"
 BUILDINGS = "floors to be compared must be of the same buildings"
 LAST = r"envelopes: elevations\[1\] = \[nan\] must be the heights of 1 floor above"
 ROD = jp.Rod(jp.ZenerRod(order=0.5, tau_f=0.01, tau_x=0.05), 5.0)
 
-at_heights = partial(plots.envelope, TWO, "drift")
+at_heights = partial(plots.envelope, (TWO,), "drift")
 test_wrong_arguments_are_refused = refusals(
     (plots.envelopes, {}, "envelopes: floors must hold at least one run"),
     (plots.envelopes, (), r"envelopes: floors = \(\) must hold at least one building"),
     (plots.envelopes, (3,), r"envelopes: floors\[0\] = 3 must be of type FloorDemands"),
-    (plots.envelope, 3, "envelope: floors = 3 must be of type FloorDemands"),
-    (plots.envelope, TWO, "drfit", "quantity = 'drfit' must be .*drift"),
-    (at_heights, [6.0, 3.0], rf"{AT} = \[6.0, 3.0\] {OF_FLOORS}"),
-    (at_heights, [3.0, np.inf], rf"{AT} = \[3.0, inf\] must be .*, finite, from the lowest up"),
-    (at_heights, ["3 m", "6 m"], rf"{AT} = \['3 m', '6 m'\] must be a real number"),
+    (plots.envelope, TWO, r"envelope: floors = Building 1.* must be of type Sequence"),
+    (plots.envelope, (TWO,), "drfit", "quantity = 'drfit' must be .*drift"),
+    (at_heights, [[6.0, 3.0]], rf"{AT} = \[6.0, 3.0\] {OF_FLOORS}"),
+    (at_heights, [[3.0, np.inf]], rf"{AT} = \[3.0, inf\] must be .*, finite, from the lowest up"),
+    (at_heights, [["3 m", "6 m"]], rf"{AT} = \['3 m', '6 m'\] must be a real number"),
     (plots.envelopes, (TWO,), [[3.0], [3.0]], "elevations, 2 of them, must be"),
     (plots.envelopes, (ONE,), 3.0, "envelopes: elevations = 3.0 must be one for"),
     (plots.envelopes, (TWO, floors(1, 1)), [[3.0, 6.0], [np.nan]], LAST),
     (lambda: plots.envelopes((TWO,), labels=[]), "labels, 0 of them, must be one for"),
     (plots.envelopes, {"a": (TWO,), "b": (floors(3),)}, BUILDINGS),
-    (plots.envelope, {"a": TWO, "b": floors(2, si=False)}, "all in SI units or all dimensionless"),
-    (plots.ductility, (TWO,), "ductility: floors must be of a building that yields"),
+    (plots.envelope, {"a": (TWO,), "b": (floors(2, si=False),)}, "all in SI units or all dimen"),
+    (plots.envelope, {"a": (ONE, TWO), "b": (ONE, TWO)}, "must be of one building; envelopes"),
+    (plots.envelope, (TWO,), "ductility", "envelope: floors must be of a building with a ductil"),
     (plots.envelopes, (LOST,), r"envelopes: the run is invalid \(NaN\)"),
     (plots.mode_shapes, jp.Storeys((1.0,), ROD), 0, "mode_shapes: n = 0 must be"),
     (plots.mode_shapes, jp.paper.structures(), "must be of type Storeys"),

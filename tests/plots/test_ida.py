@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.plots import ida
+from jaxpound.plots import ida, studies
 from tests.plots.runs import legend, new_axes
 from tests.refusals import refused
 
@@ -46,6 +46,12 @@ def test_a_single_run_is_a_figure_too(demand, limit, ax):
     assert left <= demand < right >= limit
 
 
+def fragility(analysis, ax):
+    """Drawn as the command line does."""
+    measure = ida.in_symbols(analysis.measure)
+    return studies.fragility(analysis.fragility(), ax, measure)
+
+
 def test_a_cloud_with_its_line_and_the_fragility_of_capacities_with_their_distribution(ax):
     cloud = jp.hazard.fit_cloud(
         *np.array([[0.1, 0.2, 0.3, 0.5], [0.01, 0.03, 0.02, 0.1]]), limit=0.05
@@ -58,8 +64,8 @@ def test_a_cloud_with_its_line_and_the_fragility_of_capacities_with_their_distri
     refused("analysis = 3 must be of type Incremental", ida.curves, 3)
     refused("found = 3 must be of type Cloud", ida.cloud, 3)
     ax.clear()
-    (data,) = ida.fragility(FOUND, ax).containers
+    (data,) = fragility(FOUND, ax).containers
     np.testing.assert_allclose(data.lines[0].get_data(), [[0.25, 0.4], [1 / 3, 2 / 3]])
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("$S_a$(0.9 s) ($g$)", "probability of pounding")
     drift = dataclasses.replace(FOUND, demand="peak_drift")
-    assert "largest storey drift ≥ 0.05 m" in ida.fragility(drift, new_axes()).get_ylabel()
+    assert "largest storey drift ≥ 0.05 m" in fragility(drift, new_axes()).get_ylabel()

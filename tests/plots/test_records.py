@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
-from jaxpound.plots import suites
-from jaxpound.plots.records import accelerogram, spectra
+from jaxpound.plots.records import accelerogram, spectra, suite_spectra
 from tests.ground.test_scaling import TARGET, scaled
 from tests.ground.test_suite import SUITE
 from tests.plots.runs import legend, new_axes
@@ -53,7 +52,7 @@ test_wrong_arguments_are_named = refusals(
     (lambda: spectra({"a": RECORD}, damping=1), "damping = 1 must be at least 0"),
     (accelerogram, jp.paper.ground(), "must be a TimeGrid for a Ricker"),
     (accelerogram, 3, "record = 3 must have acceleration"),
-    (suites.spectra, SUITE[0], r"suite = .* must be of type"),
+    (suite_spectra, SUITE[0], r"suite = .* must be of type"),
 )
 
 
@@ -69,7 +68,7 @@ def test_spectra_are_the_spectral_accelerations_with_their_mean_and_target(ax):
     assert "10 %" in ax.get_ylabel()
     ax.figure.draw_without_rendering()
     found, ax = scaled((1e-3, 1e3)), new_axes()
-    assert suites.spectra(found, ax) is ax
+    assert suite_spectra(found, ax) is ax
     *records, mean, target, share = ax.lines
     at = records[0].get_xdata()
     expected = found.suite.spectra(at)
@@ -79,7 +78,7 @@ def test_spectra_are_the_spectral_accelerations_with_their_mean_and_target(ax):
     np.testing.assert_allclose(share.get_xdata()[[0, -1]], found.range)
     assert legend(ax) == ["3 records", "their mean", "target", "90 % of it", "period range"]
     ax.figure.draw_without_rendering()
-    ax = suites.spectra(SUITE, new_axes(), periods=[0.1, 0.5, 1.0], damping=0.1)
+    ax = suite_spectra(SUITE, new_axes(), periods=[0.1, 0.5, 1.0], damping=0.1)
     np.testing.assert_allclose(ax.lines[0].get_ydata(), SUITE.spectra([0.1, 0.5, 1.0], 0.1)[0])
     assert "10 %" in ax.get_ylabel()
     assert "(s)" in ax.get_xlabel()

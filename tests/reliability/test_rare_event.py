@@ -165,7 +165,7 @@ def test_the_slope_of_a_probability_of_a_millionth(events):
     # The tail between neighbouring references: ln P falls by 6.73 from 0.645 to 0.785 and by 4.88
     # from 0.47 to 0.645.
     assert 26 < event.decay.value < 34
-    assert event.slopes["initial_gap"].value == 0
+    assert event.slope("initial_gap").value == 0
     (alone,) = event.slopes_by(["friction"]).values()
     assert alone == pytest.approx(slope, rel=1e-9)
     refused("unknown path 'fiction'", event.slopes_by, ["fiction"])

@@ -97,7 +97,7 @@ def test_slopes_of_a_tail_as_heavy_as_that_of_a_hazard_curve(four, index):
     event = dataclasses.replace(resampled(four, values=demands - threshold), limit_state=state)
     assert abs(event.decay.value - index / threshold) < 3 * event.decay.error
     assert event.decay.error < 0.1 * event.decay.value
-    (slope,) = event.slopes.values()
+    (slope,) = event.slopes_by().values()
     assert abs(slope.value - index) < 3 * slope.error
     assert slope.error < 0.1 * slope.value
 

@@ -10,9 +10,9 @@ import pytest
 from scipy import stats
 
 import jaxpound as jp
-from jaxpound.scenarios.ground_draw import ScaledDraw, SumOfDraws
+from jaxpound.scenarios.random_ground import ScaledDraw, SumOfDraws
+from jaxpound.scenarios.random_noise import CORRELATIONS, REGRESSIONS, _distributions
 from jaxpound.scenarios.scenarios import discrete_coordinates, parameter_names
-from jaxpound.scenarios.site_noise import CORRELATIONS, REGRESSIONS, _distributions
 from tests.refusals import refusals, refused
 
 PAPER = jp.paper.structures()

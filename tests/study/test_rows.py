@@ -63,7 +63,8 @@ def test_gaps_and_pounding_are_those_of_one_link_or_of_any_in_a_table(study, fol
     np.testing.assert_array_equal(study["peak_drift"], np.max(drifts, axis=0))
     accelerations = [study[f"peak_acceleration_{i}"] for i in range(1, 5)]
     np.testing.assert_array_equal(study["peak_acceleration"], np.max(accelerations, axis=0))
-    np.testing.assert_array_equal(study.demand.peak_drift, study["peak_drift"])
+    demand = jax.jit(jax.vmap(lambda z: jp.demand(*SCENARIOS.realize(z), GRID)))(study.points())
+    np.testing.assert_allclose(demand.peak_drift, study["peak_drift"], rtol=1e-12)
     (line,) = (x for x in repr(study).splitlines() if x.split()[0] == "peak_x4")
     assert line.endswith("  peak displacement of floor 2 of building 2")
     curve = study.fragility("pgv", demand="peak_x4", threshold=np.median(study["peak_x4"]))
@@ -72,7 +73,7 @@ def test_gaps_and_pounding_are_those_of_one_link_or_of_any_in_a_table(study, fol
         "must be a pair: .*; for a row, en_1998_gap takes the quantiles of peak_x of both floors"
     )
     refused(words, study.separation, 0.1)
-    assert study.demand.rods[1].peak_drift.shape == (64,)
+    assert demand.rods[1].peak_drift.shape == (64,)
     scales = jp.Scales(mass=500e3, frequency=7.0)
     for one in (study, jp.Study.open(folder)):
         in_si = dataclasses.replace(one, scales=scales)
@@ -85,10 +86,10 @@ def test_gaps_and_pounding_are_those_of_one_link_or_of_any_in_a_table(study, fol
         assert "gap (m)" in shown
     # The other has: what happens there does not depend on its own gap.
     system = touching(jp.KelvinVoigt(300.0, 0.65)).system()
-    lower, upper = study.demand.links
+    lower, upper = demand.links
     peaks = ("peak_contact", "peak_impulse", "peak_penetration")
     hit = dict.fromkeys(peaks, np.ones(64))
-    found = dataclasses.replace(study.demand, links=(lower, dataclasses.replace(upper, **hit)))
+    found = dataclasses.replace(demand, links=(lower, dataclasses.replace(upper, **hit)))
     gaps = required_gaps(system, found)
     assert [*gaps] == ["required_gap_1"]
     np.testing.assert_allclose(gaps["required_gap_1"], study["required_gap_1"], atol=1e-12)

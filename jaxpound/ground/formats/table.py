@@ -1,6 +1,9 @@
 """The table of formats, and the components of a file by it.
 
-Sources: Shakal & Huang (1985) for CSMIP, the readers of gmprocess (Hearne et al., 2019).
+PEER's AT2, COSMOS V1.20 and SMC keep count or interval among numbers of the header.
+
+Sources: Shakal & Huang (1985) for CSMIP, the readers of gmprocess (Hearne et al., 2019), "COSMOS
+strong motion data format, version 1.20" (2001), the USGS's description of SMC.
 """
 
 from __future__ import annotations
@@ -8,11 +11,19 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from jaxpound.ground.formats import blocks, columns, json_events, knet, numbered, units
+from jaxpound.ground.formats import blocks, columns, json_events, knet, rows, units
 from jaxpound.ground.formats.layout import Channel, Layout
 from jaxpound.ground.formats.spreadsheet import in_plain_form
-from jaxpound.ground.formats.statements import Stated, Statement
-from jaxpound.ground.formats.text import NUMBER, MisreadError, OtherKindError, TextFile, TextLine
+from jaxpound.ground.formats.statements import Stated, Statement, interval, rate, state_numbers
+from jaxpound.ground.formats.text import (
+    NUMBER,
+    MisreadError,
+    OtherKindError,
+    TextFile,
+    TextLine,
+    plain,
+    shown,
+)
 
 _FACTOR = re.compile(r"Raw readings in units of (?!1\.0*[ ])(\S+ \S+)", re.I)
 _LENGTH = re.compile(rf"#?RecordLength\(sec\): *({NUMBER})", re.I)
@@ -41,6 +52,66 @@ def _state_unit(header: Sequence[TextLine], stated: Stated) -> None:
         units.state(stated.units, name, header[0].number)
     elif unit not in ("", "FLOAT", "INTEGER") and not stated.units:
         raise OtherKindError(header[0].number, f"{unit!r:.60} must be a unit of accelerations")
+
+
+_PEER_LINE = re.compile(r"(?!\s*(?:#|%|//))(?=.*\bDT\b).*\bNPTS\b", re.I)
+_NUMBERS_FIRST = re.compile(rf"\s*({NUMBER})[ ,]{{1,3}}({NUMBER})[ ,]{{1,3}}NPTS,? ?DT(.*)", re.I)
+
+
+def _state_peer(header: Sequence[TextLine], stated: Stated) -> None:
+    """Replace what the header states by what the line of NPTS and DT does."""
+    number, text = next(line for line in header if _PEER_LINE.match(line.text))
+    in_order = _NUMBERS_FIRST.sub(r"NPTS = \1, DT = \2 \3", plain(text))
+    stated.counts.clear()
+    stated.intervals.clear()
+    state_numbers([TextLine(number, in_order)], stated)
+    if not (stated.counts and stated.intervals):
+        rule = "must state NPTS, a positive whole number, and DT > 0, in s or ms"
+        raise MisreadError(number, f"{shown(text.strip())} {rule}")
+
+
+_COSMOS_REALS = re.compile(
+    r" *\d+ +Real-header values follow on +(\d+) lines, Format *= *\((\d+)[FE](\d+)", re.I
+)
+_OF_RECORDER, _OF_SERIES = 33, 61  # indices of intervals in the real header: in s, and in ms
+_APPROXIMATE = re.compile(rf"pts, approx +({NUMBER}) +secs?", re.I)
+
+
+def _state_cosmos(header: Sequence[TextLine], stated: Stated) -> None:
+    """Add the interval of the real header that agrees with the number of values in the title."""
+    titles = (i for i, line in enumerate(header) if _COSMOS_REALS.match(line.text))
+    if (at := next(titles, None)) is None:
+        return
+    title = _COSMOS_REALS.match(header[at].text)
+    n_lines, *form = (int(number) for number in title.groups())  # type: ignore[union-attr]
+    block = header[at + 1 : at + 1 + n_lines]
+    reals = rows.numbers_of(block, (form[0], form[1]))
+    duration = _APPROXIMATE.search(header[-1].text)
+    for index, unit in ((_OF_SERIES, 1e-3), (_OF_RECORDER, 1.0)):
+        if index < len(reals) and float(reals[index]) > 0:
+            statement = interval(block[0].number, "the real header", reals[index], unit)
+            length, most = statement.value * stated.counts[-1].value, 1 + 2 * statement.value
+            if duration is None or abs(length - float(duration[1])) <= most:
+                stated.intervals.append(statement)
+                return
+
+
+_INTEGERS, _REALS = (6, 8, 10), (10, 5, 15)  # rows, values a row, characters of each
+_COUNT, _RATE, _UNDEFINED = 16, 1, 0  # indices
+
+
+def _state_smc(header: Sequence[TextLine], stated: Stated) -> None:
+    lines = [line for line in header if not line.text.startswith("|")]
+    integers, reals = lines[-16:-10], lines[-10:]
+    counts, numbers = rows.numbers_of(integers, _INTEGERS[1:]), rows.numbers_of(reals, _REALS[1:])
+    if (len(counts), len(numbers)) != (48, 50) or not float(counts[_COUNT]) > 0:
+        rule = "48 and 50 numbers, one of which is that of the values"
+        raise MisreadError(header[0].number, f"the header of SMC must have {rule}")
+    if float(numbers[_RATE]) == float(numbers[_UNDEFINED]) or not float(numbers[_RATE]) > 0:
+        rule = "is undefined, as of values at uneven times, which must be resampled first"
+        raise MisreadError(reals[0].number, f"sampling rate = {numbers[_RATE]} {rule}")
+    stated.counts[:] = [Statement(integers[2].number, "the integer header", float(counts[_COUNT]))]
+    stated.intervals.append(rate(reals[0].number, "the real header", f"{float(numbers[_RATE]):g}"))
 
 
 LAYOUTS = (
@@ -72,8 +143,22 @@ LAYOUTS = (
         form=(8, 9),
         pairs=(10, 7),
     ),
-    numbered.COSMOS,
-    numbered.SMC,
+    Layout(
+        name="COSMOS V1.20",
+        begin=r".*\(Format v0?1\.\d+",
+        component=r"Sta Cha[n:] *(?:\S+ *:|\S+:) *([^(]+?)(?: deg)? *(?:\(|$)",
+        state=_state_cosmos,
+        title=r" *\d+ +\S.*?\bpts, approx",
+    ),
+    Layout(
+        name="SMC",
+        begin=r"[12] (?:un)?corrected accelerogram",
+        component=r".*\bcomponent= *(\S+)",
+        unit="cm/s2",
+        state=_state_smc,
+        numbers=(_INTEGERS, _REALS),
+        form=(8, 10),
+    ),
     *(
         Layout(
             name=name,
@@ -100,7 +185,14 @@ LAYOUTS = (
         state=_state_length,
     ),
     Layout(name="ESM", signature="EVENT_NAME:", component=r"STREAM: *(\S+)", behind="USER5:"),
-    numbered.PEER,
+    Layout(
+        name="PEER AT2",
+        signature=_PEER_LINE.pattern,
+        component=r"(?!.*NPTS)[^,]*,[^,]*,.*?([^,(\s][^,(]{0,11}?) *(?:\([^()]*\) *)?$",
+        state=_state_peer,
+        behind=_PEER_LINE.pattern,
+        history=True,
+    ),
     Layout(
         name="columns",
         component=r".*\b(?:component|componente|composante|komponente|canal|channel|orientation|"
