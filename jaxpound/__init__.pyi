@@ -111,6 +111,5 @@ from .study import en_1998_gap as en_1998_gap
 from .study import fit_fragility as fit_fragility
 from .study import inelastic_spectrum as inelastic_spectrum
 from .study import monte_carlo as monte_carlo
-from .study import perturbation_growth as perturbation_growth
 from .study import sobol_sensitivity as sobol_sensitivity
 from .units import Scales as Scales

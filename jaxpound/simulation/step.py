@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxpound._xla.alike import map_alike
 from jaxpound.model.ends import along, less_ground
 from jaxpound.simulation.constants import StepConstants
-from jaxpound.simulation.rods.dashpot import Dashpot
+from jaxpound.simulation.rods.dashpot import PureDashpot
 from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState, SeenGroup
 
@@ -166,7 +166,9 @@ def observed(
     v = system.follow(mean, [y.velocity_now for y in moved])
     v = tuple(jnp.where(now.is_first, a, b) for a, b in zip(before.v, v, strict=True))
     rods = [
-        rod._replace(force=law.coefficient * along(ends, v)) if isinstance(law, Dashpot) else rod
+        rod._replace(force=law.coefficient * along(ends, v))
+        if isinstance(law, PureDashpot)
+        else rod
         for law, rod, ends in zip(system.rods, rods, system.rod_ends, strict=True)
     ]
     forces = tuple(rod.force for rod in rods)

@@ -28,7 +28,7 @@ class DashpotState(NamedTuple):
 
 @register_dataclass
 @dataclass(frozen=True)
-class Dashpot(RodLaw):
+class PureDashpot(RodLaw):
     """A dashpot without a brace: its force is that of the velocity, which the step takes it by."""
 
     coefficient: Any
