@@ -21,7 +21,6 @@ import jax.numpy as jnp
 from jaxpound._xla.alike import map_alike
 from jaxpound.model.ends import along, less_ground
 from jaxpound.simulation.constants import StepConstants
-from jaxpound.simulation.rods.dashpot import PureDashpot
 from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState, SeenGroup
 
@@ -70,14 +69,15 @@ def one_step(
     owed = None
     if system.damping is not None:
         owed = system.damping.owed(system.joints, moved)
-    if drag is not None:
+    if drag is not None:  # the joints, and the masses with them, as dashpots drag them
         smooth = [v - now.kick * h * a for v, a in zip(v, a, strict=True)]
         free, ground = system.accelerations(rods, smooth, before.owed, now)
+        dragged = drag.position + h**2 / 8 * drag.end
+        drifted = [x + y for x, y in zip(drifted, dragged, strict=True)]
         moved = [
             kind.dragged(y, flow, kind.in_step.pull(free, ground), drag, h)
             for kind, y, flow in zip(system.joints, moved, flows, strict=True)
         ]
-        drifted = [x + y for x, y in zip(drifted, drag.position + h**2 / 8 * drag.end, strict=True)]
     x = system.follow(drifted, [y.state.closing for y in moved])
 
     rod_states, joint_states = tuple(rod.state for rod in rods), tuple(y.state for y in moved)
@@ -165,13 +165,11 @@ def observed(
     mean = [(v + w) / 2 for v, w in zip(before.v, after.v, strict=True)]
     v = system.follow(mean, [y.velocity_now for y in moved])
     v = tuple(jnp.where(now.is_first, a, b) for a, b in zip(before.v, v, strict=True))
-    rods = [
-        rod._replace(force=law.coefficient * along(ends, v))
-        if isinstance(law, PureDashpot)
-        else rod
-        for law, rod, ends in zip(system.rods, rods, system.rod_ends, strict=True)
-    ]
-    forces = tuple(rod.force for rod in rods)
+    at_rates = [*rods]
+    for number, (law, ends) in enumerate(zip(system.rods, system.rod_ends, strict=True)):
+        if law.viscosity is not None:
+            at_rates[number] = rods[number]._replace(force=law.viscosity * along(ends, v))
+    forces = tuple(rod.force for rod in at_rates)
     free, groups = system.free_accelerations(forces), list[SeenGroup]()
     for kind, y, flow in zip(system.joints, moved, flows, strict=True):
         groups += kind.seen(y, flow, partial(kind.inertia, free, now.ground))
@@ -181,7 +179,7 @@ def observed(
         ground=now.ground,
         x=x,
         v=v,
-        rods=tuple(rods),
+        rods=tuple(at_rates),
         groups=tuple(groups),
         links=tuple(links[k] for k in sorted(links)),
         needs_flow=needs_flow,

@@ -170,7 +170,7 @@ def test_a_yielding_block_on_a_dashpot_is_of_second_order():
 
     while t < end - 1e-12:
         if flows:
-            ends = [lambda t, y: flows * y[1]]
+            ends = [lambda t, y, s=flows: s * y[1]]
         else:
             ends = [lambda t, y, s=s: limit - s * (y[0] - y[2]) for s in (1, -1)]
         for event in ends:

@@ -24,7 +24,6 @@ from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.observe.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.observe.peaks import GroundPeaks, Peak, Peaks, Sample
-from jaxpound.simulation.rods.dashpot import PureDashpot
 from jaxpound.simulation.rods.yielding import time_until
 from jaxpound.simulation.state import Instant, RunState, added
 
@@ -88,7 +87,7 @@ class _Observed(NamedTuple):
         """A rod's force, which has kinks where it yields, by its number."""
         system, law, rod = self.system, self.system.rods[number], self.now.rods[number]
         smooth = self.smooth if rod.kinked is None else self.smooth & ~rod.kinked
-        if isinstance(law, PureDashpot):  # a velocity jumps at an impact
+        if law.viscosity is not None:  # velocities jump at impacts
             smooth = self.without_impact(system.rod_ends[number])
         forces, terms = [force for _, force in rod.reached], self.terms(system.rod_ends[number])
         terms = None if terms is None else law.modulus * terms

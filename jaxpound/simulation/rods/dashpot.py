@@ -1,4 +1,4 @@
-"""A dashpot with a power of the velocity, in series with a spring, over one step."""
+"""Dashpots over one step: linear ones, and those of a power of the velocity on a spring."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class DashpotState(NamedTuple):
 @register_dataclass
 @dataclass(frozen=True)
 class PureDashpot(RodLaw):
-    """A dashpot without a brace: its force is that of the velocity, which the step takes it by."""
+    """A dashpot without a brace, whose force follows from the velocities alone."""
 
-    coefficient: Any
+    viscosity: Any
     modulus = 0.0
 
     def step(
         self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
     ) -> RodStep:
-        """No force but that of the velocity."""
+        """No force that the elongation makes."""
         return RodStep(0.0, 0.0, None)
 
 
