@@ -56,7 +56,9 @@ class PowerLaw(Batch):
 class Dashpot(Batch):
     """A linear dashpot, f = c e'; a material of a rod, whose stiffness is left out.
 
-    It needs no brace, and no shorter time step, however strong it is.
+    It needs no brace, and no shorter time step for stability. Beside links that touch, share masses
+    or have friction that grows with the velocity, steps should be below 0.4 m/c of the mass at its
+    ends; a run warns of longer ones.
 
     Raises ``ValueError`` if a concrete value breaks its rule.
 

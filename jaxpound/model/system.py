@@ -376,6 +376,9 @@ def _require_held(system: System) -> None:
                 rule = "must be tied to the ground by rods, directly or through other masses"
                 rule += "; dashpots hold no mass" * (len(holding) < len(system.rods))
                 raise InvalidInput(f"masses.{mass}", "", rule)
+    if (first := _untied_dashpot(system)) is not None:
+        rule = "must come after the rods with a stiffness that tie its ends"
+        raise InvalidInput(f"rods.{first}, a dashpot,", "", rule)
     if (closing := ring(topology)) is not None:
         ends, rule = topology.links[closing], "must not close a ring with the links before it"
         if any({*ends} == {*before} for before in topology.links[:closing]):
@@ -389,6 +392,21 @@ def _require_held(system: System) -> None:
             if (_rank(rows[..., :number, :]) < number).any():
                 rule = "must have a closing that does not follow from those of the links before it"
                 raise InvalidInput(f"links.{k}.ends", _written(system.links[k]), rule)
+
+
+def _untied_dashpot(system: System) -> int | None:
+    """The first dashpot whose ends rods before it do not tie, so that it seems to be a storey."""
+    tying: list[AnyEnds] = []
+    for k, rod in enumerate(system.rods):
+        if rod.ends is None or isinstance(rod.ends, WeightedMasses):
+            continue
+        if rod.stiffness is not None:
+            tying.append(rod.ends)
+        else:
+            group, _ = joined_ends(len(system.masses), tuple(tying))
+            if len({group[end] for end in rod.ends}) > 1:
+                return k
+    return None
 
 
 def _rows(elements: Sequence[Rod | Link], n: int) -> np.ndarray | None:

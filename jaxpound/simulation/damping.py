@@ -2,8 +2,8 @@ r"""Pure dashpots, whose forces −D x' a step takes at the mean of its velociti
 
     (M + h/2 D) v⁺ = (M − h/2 D) v⁻ + h (loads − Cᵀ (q + p)),    D = Σ c b bᵀ,    P = (M + h/2 D)⁻¹
 
-The left side is constant, so that a dashpot, however strong, costs no shorter step. Joints have the
-mobility C P Cᵀ in the place of C M⁻¹ Cᵀ.
+The left side is constant, so that steps are stable however strong a dashpot is. Joints have the
+mobility C P Cᵀ in the place of C M⁻¹ Cᵀ, but in a local flow, within which dashpots have not acted.
 
 The mean velocity of a step is the mean of those at its ends unless forces of joints jump within it.
 Where slip stops or turns, the dashpots owe what they miss by it, and pay it in the next step. A
@@ -66,11 +66,15 @@ class Damping(NamedTuple):
     ) -> jax.Array:
         """Mean accelerations P (loads − D v − M ι u'') of a step before which masses move with v.
 
-        Less those that are ``owed`` from the step before.
+        With those that are ``owed`` from the step before.
         """
-        mean = array_of(v) if drag is None else array_of(v) + drag.velocity
-        free = self.inverse @ (array_of(loads) - self.matrix @ mean)
-        return free - self.influence * ground - owed
+        start = array_of(v) if drag is None else array_of(v) + drag.velocity
+        free = self.inverse @ (array_of(loads) - self.matrix @ start)
+        return free - self.influence * ground + owed
+
+    def at_rest(self) -> list[Any]:
+        """A zero for each mass."""
+        return [0.0 * self.influence[0]] * len(self.influence)
 
     def against(self, y: jax.Array) -> jax.Array:
         """Accelerations −P D y by which dashpots oppose velocities y."""
@@ -84,22 +88,21 @@ class Damping(NamedTuple):
         now: Now,
     ) -> Drag:
         """Of the flows of a step, by how their joints deviate from smooth motion."""
-        h, none = self.h, [0.0 * self.influence[0]] * len(self.influence)
-        velocity, position, end = none.copy(), none.copy(), none.copy()
+        h, (velocity, position, end) = self.h, (self.at_rest(), self.at_rest(), self.at_rest())
         for kind, state, flow in zip(kinds, before, flows, strict=True):
             if flow is not None:
                 deviation = kind.deviation(state, flow, now, h)
                 kind.follow(velocity, deviation.velocity)
                 kind.follow(position, deviation.closing)
                 kind.follow(end, deviation.end)
-        moved = array_of(position)
-        mean = array_of(velocity) + self.against(moved)
-        late = h * self.against(moved - h / 2 * mean)
-        return Drag(mean, self.against(mean), late, self.against(array_of(end)))
+        path = array_of(position)
+        speed = array_of(velocity) + self.against(path)
+        shift = h * self.against(path - h / 2 * speed)
+        return Drag(speed, self.against(speed), shift, self.against(array_of(end)))
 
     def owed(self, kinds: Sequence[Coupled], moved: Sequence[Moved]) -> jax.Array:
         """Accelerations that dashpots owe as slip has stopped or turned within the step."""
-        missed: list[Any] = [0.0 * self.influence[0]] * len(self.influence)
+        missed = self.at_rest()
         for kind, joints in zip(kinds, moved, strict=True):
             kind.in_step.follow(missed, kind.in_step.kink(joints, self.h))
         return self.against(array_of(missed))

@@ -22,6 +22,8 @@ from jaxpound.model.joint import groups, joints
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Structures, System, in_si
 from jaxpound.model.topology import Topology, WeightedMasses, rod_groups, storey_rods
+from jaxpound.simulation.damping import Damping
+from jaxpound.simulation.joints.coupled import may_need_flow
 from jaxpound.simulation.joints.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.rods.zener import nyquist_stiffness
 from jaxpound.simulation.time.history import FullHistory, HistorySum, ModalHistory
@@ -124,7 +126,8 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     if is_traced(system):
         raise InvalidInput("structures", "", "must be known, not traced")
     concrete = jax.tree.map(np.asarray, system)
-    at_rest = _largest_eigenvalue(concrete, [rod.stiffness or 0.0 for rod in concrete.rods])
+    soft = [0.0 if rod.stiffness is None else rod.stiffness for rod in concrete.rods]
+    at_rest = _largest_eigenvalue(concrete, soft)
     low, high = 0.0, 2 / float(np.max(at_rest)) ** 0.5  # a rod is never softer than at rest
     for _ in range(60):
         middle = (low + high) / 2
@@ -162,7 +165,7 @@ def imprecise(system: System, grid: TimeGrid, numbers: Any) -> list[str]:
 
     ``numbers`` are all others of a run.
     """
-    findings = _unresolved(system, grid.dt)
+    findings = _unresolved(system, grid.dt) + _overdamped(system, grid.dt)
     dtype = jnp.result_type(float, *jax.tree.leaves((system, numbers)))
     if dtype != jnp.float64 and any(link.contact is not None for link in system.links):
         rule = "forces are off by up to 1e-4 of themselves and impacts may be missed"
@@ -193,6 +196,31 @@ def _unresolved(system: System, dt: float) -> list[str]:
                 f"lags by half a step, an error of first order in dt like {lag:.2%} less mass; "
                 f"take dt, or the stiffness of the brace, {steps / _RESOLVED:.3g} times smaller"
             ]
+    return []
+
+
+_STRONG = 0.2  # c dt/2 over the mass from which flows are inexact
+
+
+def _overdamped(system: System, dt: float) -> list[str]:
+    """A finding for the first link with a local flow beside dashpots too strong for the step.
+
+    The flow knows nothing of what dashpots do within it, which is added to its end.
+    """
+    damping = Damping.of(system, dt) if is_known_and_single(system) else None
+    if damping is None:
+        return []
+    for group in groups(joints(system)):
+        for joint in group if may_need_flow(group, system) else ():
+            row = np.asarray(along(joint.ends, [*np.eye(len(system.masses))]))
+            share = float(mobility(joint.ends, system.masses) / (row @ damping.inverse @ row)) - 1
+            if share > _STRONG:
+                return [
+                    f"link {link_places(system.topology)[joint.link]}: dt times the dashpots at "
+                    f"its ends is {2 * share:.3g} times their mass, and should be at most "
+                    f"{2 * _STRONG:g} times for links that touch or share masses, whose friction "
+                    f"and contact are inexact else; take dt {share / _STRONG:.3g} times smaller"
+                ]
     return []
 
 

@@ -78,7 +78,7 @@ def one_step(
             kind.dragged(y, flow, kind.in_step.pull(free, ground), drag, h)
             for kind, y, flow in zip(system.joints, moved, flows, strict=True)
         ]
-    x = system.follow(drifted, [y.state.closing for y in moved])
+    x = system.follow(drifted, [y.state.closing for y in moved], flows)
 
     rod_states, joint_states = tuple(rod.state for rod in rods), tuple(y.state for y in moved)
     after = RunState(x, v, rod_states, joint_states, owed)

@@ -121,6 +121,14 @@ def test_a_file_is_the_library_s_buildings_and_is_written_back(form):
     assert [link.side for link in again.links] == [link.side for link in links]
 
 
+def test_a_dashpot_is_written_back():
+    damper = jp.Rod(jp.Dashpot(3e5))
+    written = as_toml(jp.Buildings((FRAME, FRAME), (jp.FloorLink(0, 1, damper=damper, gap=0.1),)))
+    assert 'damper = {law = "dashpot", coefficient = 300000' in written.replace("3e5", "300000")
+    (link,) = layout_of(written).buildings.links
+    assert (repr(link.damper), link.gap) == (repr(damper), 0.1)
+
+
 def test_a_damper_to_the_ground_is_written_as_one_and_inertance_may_have_a_budget():
     ground = jp.FloorLink(0, 1, jp.GROUND, friction=2e4)
     written = as_toml(jp.Buildings((FRAME, FRAME), (ground,)))

@@ -237,6 +237,60 @@ def test_in_si_they_are_those_of_the_dimensionless_row():
     assert 0 < float(in_si.min_gap) < 0.29
 
 
+def test_what_slip_owes_is_paid():
+    """A pair with a dashpot, of which friction to the ground stops one block: smooth in its speed.
+
+    The instant of the stop within a step must not be seen in what the other block does.
+    """
+    rods = [jp.Rod(SPRING, 1e-3, (mass, G)) for mass in (0, 1)]
+    rods.append(jp.Rod(jp.Dashpot(1.0), ends=(0, 1)))
+    system = jp.System((1.0, 1.0), rods, (jp.Link((0, G), friction=1.0),))
+    still, grid = jp.Ricker(0.0, 2.0, 2.0), jp.TimeGrid(0.05, 20)
+
+    @jax.jit
+    @jax.vmap
+    def end(speed):
+        start = jp.InitialState((0.0, 0.0), (speed, 0.5))
+        return jp.simulate(system, still, grid, initial=start).masses[1].x[-1]
+
+    speeds = np.linspace(0.4, 0.55, 31)
+    x = np.asarray(end(jnp.asarray(speeds)))
+    rough = x - np.polynomial.Polynomial.fit(speeds, x, 5)(speeds)
+    assert np.abs(rough).max() < 1e-5  # 7e-5 if it were owed with the other sign
+    assert (np.diff(rough) / np.diff(speeds)).std() < 5e-4
+
+
+def test_steps_that_are_long_for_a_dashpot_beside_contact_are_told():
+    link = {"friction": 0.05, "gap": 0.1, "contact": jp.KelvinVoigt(200.0, 0.6)}
+    strong = pair((0.0, 30.0, 0.0), **link)
+    words = "link 1–2: dt times the dashpots at its ends is .* take dt .* times smaller"
+    with pytest.warns(jp.PlausibilityWarning, match=words):
+        jp.demand(strong, SHAKING, jp.TimeGrid(0.04, 100))
+    jp.demand(strong, SHAKING, jp.TimeGrid(0.01, 100))
+    jp.demand(pair((0.0, 30.0, 0.0), friction=0.05), SHAKING, jp.TimeGrid(0.04, 100))
+
+
+def test_their_energy_is_that_of_the_force_over_the_rate():
+    response = jp.simulate(pair(friction=0.05), SHAKING, jp.TimeGrid.until(END, 0.01))
+    terms, taken = response.energy, [rod.dissipated[-1] for rod in response.rods[2:]]
+    power = [rod.force**2 / c for rod, c in zip(response.rods[2:], COEFFICIENTS, strict=True)]
+    work = [float(np.trapezoid(np.asarray(x), np.asarray(response.time))) for x in power]
+    np.testing.assert_allclose(taken, work, rtol=1e-3)
+    scalars = [rod.dissipated_energy for rod in response.demand.rods[2:]]
+    np.testing.assert_array_equal(scalars, taken)
+    springs = zip(response.rods[:2], STIFFNESSES, strict=True)
+    stored = sum(float(rod.force[-1] ** 2) / k / 2 for rod, k in springs)
+    assert float(terms.rods[-1]) == pytest.approx(sum(work) + stored, rel=2e-3)
+
+
+def test_a_batch_has_the_stability_limit_of_its_least():
+    limits = []
+    for ratio in (2.0, [2.0, 3.0], 3.0):
+        pair_of_paper = dataclasses.replace(jp.paper.structures(), stiffness_ratio=np.array(ratio))
+        limits.append(jp.stability_limit(pair_of_paper))
+    assert limits[1] == limits[2] < limits[0]
+
+
 test_wrong_dashpots_are_named = refusals(
     (lambda: jp.Dashpot(-1.0), "Dashpot: coefficient = -1 must be finite and not negative"),
     (lambda: jp.Rod(jp.Dashpot(1.0), 5.0), "Rod: stiffness = 5.0 must be left out for Dashpot"),
@@ -248,5 +302,13 @@ test_wrong_dashpots_are_named = refusals(
     (
         lambda: jp.System((1.0,), (jp.Rod(jp.Dashpot(1.0), ends=((0, 2.0),)),)),
         "masses.0 must be tied to the ground by rods",
+    ),
+    (
+        lambda: dataclasses.replace(pair(), rods=pair().rods[::-1]),
+        "rods.0, a dashpot, must come after the rods with a stiffness that tie its ends",
+    ),
+    (
+        lambda: jp.Storeys((1.0, 1.0), jp.Rod(jp.Dashpot(1.0))),
+        "Storeys: rods.0 must have a stiffness, as it is a storey: a dashpot holds no floor",
     ),
 )

@@ -164,7 +164,7 @@ class Coupled(NamedTuple):
         if not self.coupling.may_need_flow:
             return None
         follow = partial(functions.followed, now=now, h=h, slots=slots)
-        moved: Flow = self._map(follow, self.coupling, before, pull)
+        moved: Flow = self._map(follow, self.coupling, self.in_step.coupling, before, pull)
         return moved
 
     def needs_flow(self, before: JointState, pull: jax.Array, now: Now, h: float) -> jax.Array:
@@ -172,7 +172,7 @@ class Coupled(NamedTuple):
         if not self.coupling.may_need_flow:
             return jnp.zeros((), bool)
         needed = partial(functions.is_flow_needed, now=now, h=h)
-        return jnp.ravel(self._map(needed, self.coupling, before, pull)).any()
+        return jnp.ravel(self._map(needed, self.in_step.coupling, before, pull)).any()
 
     def after(
         self,

@@ -158,10 +158,17 @@ def is_flow_needed(
 
 
 def followed(
-    group: Coupling, before: JointState, pull: jax.Array, *, now: Now, h: float, slots: int
+    group: Coupling,
+    in_step: Coupling,
+    before: JointState,
+    pull: jax.Array,
+    *,
+    now: Now,
+    h: float,
+    slots: int,
 ) -> Flow:
-    """A group after its local flow, which is run where it is needed."""
-    used = is_flow_needed(group, before, pull, now=now, h=h)
+    """A group after its local flow, which is run where it is needed, as it is ``in_step``."""
+    used = is_flow_needed(in_step, before, pull, now=now, h=h)
     rise = rise_of(before, pull, now)
     inputs = FlowInput(before.half, before.velocity, pull, rise, group, before.contact)
     begin = jnp.where(now.is_first, h / 2, 0.0).astype(before.velocity.dtype)

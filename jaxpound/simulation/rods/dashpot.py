@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
@@ -31,14 +31,30 @@ class DashpotState(NamedTuple):
 class PureDashpot(RodLaw):
     """A dashpot without a brace, whose force follows from the velocities alone."""
 
+    dt: float = field(metadata={"static": True})
     viscosity: Any
     modulus = 0.0
+
+    def start(self, elongation: jax.Array, change: jax.Array) -> tuple[Any, Any]:
+        """The elongation, and the energy that the dashpot has dissipated until then."""
+        return elongation, 0 * elongation
 
     def step(
         self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
     ) -> RodStep:
-        """No force that the elongation makes."""
-        return RodStep(0.0, 0.0, None)
+        """No force that the elongation makes; the energy by its mean rate since t_{m−1}."""
+        last, energy = before
+        return RodStep(
+            0.0, 0.0, (elongation, energy + self.viscosity * (elongation - last) ** 2 / self.dt)
+        )
+
+    def dissipated(self, state: Any) -> Any:
+        """Energy that the dashpot has dissipated."""
+        return state[1]
+
+    def scalars(self, end: Any, largest: jax.Array, last: jax.Array) -> dict[str, jax.Array]:
+        """The dissipated energy."""
+        return {"dissipated_energy": self.dissipated(end)}
 
 
 @register_dataclass

@@ -25,7 +25,7 @@ def law_of(rod: Rod, dt: float, order: int, relaxed_at: Any = None) -> RodLaw:
     """
     material, stiffness = rod.material, rod.stiffness
     if isinstance(material, Dashpot):
-        return PureDashpot(material.coefficient)
+        return PureDashpot(dt, material.coefficient)
     if isinstance(material, PowerLaw):
         return BracedDashpot.of(material, stiffness, dt)
     zener, law = zener_of(material), hysteresis_of(material)
