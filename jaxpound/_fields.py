@@ -137,10 +137,13 @@ class Quantity(NamedTuple):
 
 
 def parameter(
-    *names: Any, each: bool = False, default: Any = dataclasses.MISSING, **rules: Any
+    *spec: Any, each: bool = False, default: Any = dataclasses.MISSING, **rules: Any
 ) -> Any:
-    """A field that is a ``Parameter``, traced and differentiated; ``each``: a tuple of them."""
-    metadata = {_SPEC: Parameter(*names, **rules), "each": each}
+    """A field that is a ``Parameter`` of this symbol, kind and words, traced and differentiated.
+
+    ``each`` makes it a tuple of them.
+    """
+    metadata = {_SPEC: Parameter(*spec, **rules), "each": each}
     return dataclasses.field(metadata=metadata, default=default)
 
 
@@ -152,9 +155,9 @@ def like(cls: type, name: str, within: Range | None = None, **kwargs: Any) -> An
     return dataclasses.field(metadata=metadata, **kwargs)
 
 
-def quantity(*names: Any, default: Any = dataclasses.MISSING, **more: Any) -> Any:
-    """A field that is a number or series of a result: a ``Quantity`` (of kind None, a number)."""
-    return dataclasses.field(metadata={_SPEC: Quantity(*names, **more)}, default=default)
+def quantity(*spec: Any, default: Any = dataclasses.MISSING, **more: Any) -> Any:
+    """A field that is a number or series of a result: a ``Quantity`` of this kind and words."""
+    return dataclasses.field(metadata={_SPEC: Quantity(*spec, **more)}, default=default)
 
 
 def part(*kinds: type, each: bool = False, traced: bool = False, **kwargs: Any) -> Any:

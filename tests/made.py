@@ -7,7 +7,7 @@ from hypothesis import strategies
 
 import jaxpound as jp
 from jaxpound.model.ends import elongation
-from jaxpound.results.demand import LinkDemand, MassDemand, RodDemand
+from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
 from jaxpound.results.elements import place_of
 from jaxpound.results.impacts import ImpactSeries
 from jaxpound.results.response import LinkResponse, MassResponse, RodResponse

@@ -55,16 +55,16 @@ _Floors = Annotated[
 ]
 _Neighbour = Annotated[_Number | Literal["ground"], says('the number of a building, or "ground"')]
 
-_LAWS: dict[str, Any] = {"bilinear": jp.Bilinear, "bouc-wen": jp.BoucWen, "elastic": NoneType}
+_YIELD_LAWS: dict[str, Any] = {"bilinear": jp.Bilinear, "bouc-wen": jp.BoucWen, "elastic": NoneType}
 _OF_STOREY = "yield_displacement"  # of each storey, by its strength
 
-_Law = Annotated[
+_YieldLaw = Annotated[
     Literal["bilinear", "bouc-wen"] | list[Literal["bilinear", "bouc-wen", "elastic"]],
     says('"bilinear" or "bouc-wen", or a list of these and "elastic", one for each storey'),
 ]
-_Force = Annotated[float, between(*STRENGTHS["yield_force"])]
+_YieldForce = Annotated[float, between(*STRENGTHS["yield_force"])]
 _Coefficient = Annotated[float, between(*STRENGTHS["base_shear_coefficient"])]
-_Drift = Annotated[float, between(*STRENGTHS["yield_drift"])]
+_YieldDrift = Annotated[float, between(*STRENGTHS["yield_drift"])]
 _Hardening = Annotated[float, of_field(jp.BoucWen, "hardening")]
 _Ultimate = Annotated[float, of_field(jp.BoucWen, "ultimate_displacement")]
 _Exponent = Annotated[float, of_field(jp.BoucWen, "exponent")]
@@ -115,10 +115,10 @@ class YieldingSection(Section):
     They stand beside the keys of a building, in [[building]], [building_1] and [building_2].
     """
 
-    yield_force: Annotated[_Force | list[_Force], each(_Force)] | None = None
+    yield_force: Annotated[_YieldForce | list[_YieldForce], each(_YieldForce)] | None = None
     base_shear_coefficient: _Coefficient | None = None
-    yield_drift: Annotated[_Drift | list[_Drift], each(_Drift)] | None = None
-    law: _Law | None = None
+    yield_drift: Annotated[_YieldDrift | list[_YieldDrift], each(_YieldDrift)] | None = None
+    law: _YieldLaw | None = None
     hardening: Annotated[_Hardening | list[_Hardening], each(_Hardening)] | None = None
     ultimate_displacement: Annotated[_Ultimate | list[_Ultimate], each(_Ultimate)] | None = None
     exponent: Annotated[_Exponent | list[_Exponent], each(_Exponent)] | None = None
@@ -137,16 +137,18 @@ class YieldingSection(Section):
             laws = law if isinstance(law, list) else [law] * building.n_floors
             if len(laws) != building.n_floors:
                 raise refused("law", f"must be one for each of {building.n_floors} storeys")
-            keys = {x: [key for key in paths(_LAWS[x]) if key != _OF_STOREY] for x in laws}
-            own = dict.fromkeys(itertools.chain(*keys.values()))
-            remedy = f"give {', '.join(own)}" if own else "leave law out, or let a storey yield"
+            keys = {x: [key for key in paths(_YIELD_LAWS[x]) if key != _OF_STOREY] for x in laws}
+            allowed = dict.fromkeys(itertools.chain(*keys.values()))
+            remedy = "leave law out, or let a storey yield"
+            if allowed:
+                remedy = f"give {', '.join(allowed)}"
             rule = f"must not be given with law = {shown(law)}; {remedy}"
-            self.refuse_any({*paths(jp.BoucWen)} - own.keys(), rule)  # which has those of Bilinear
+            self.refuse_any({*paths(jp.BoucWen)} - allowed.keys(), rule)  # and so of Bilinear
             by_law = {"elastic": building}
             for name in keys.keys() - by_law.keys():
                 numbers = {key: x for key, x in stated.items() if key in (*STRENGTHS, *keys[name])}
                 with named(""):
-                    by_law[name] = building.yielding(_LAWS[name], **numbers)
+                    by_law[name] = building.yielding(_YIELD_LAWS[name], **numbers)
             storeys = [by_law[name].storeys[i] for i, name in enumerate(laws)]
             storeys += building.storeys[building.n_floors :]
             building = dataclasses.replace(building, storeys=tuple(storeys))
@@ -341,9 +343,9 @@ def keys_of(storeys: Sequence[jp.Building]) -> dict[str, list[Any]]:
     Raises ``InvalidInput`` where a file cannot have them: storeys of another law.
     """
     laws: list[Any] = [storey.hysteresis for storey in storeys]
-    names = [name for law in laws for name, kind in _LAWS.items() if type(law) is kind]
+    names = [name for law in laws for name, kind in _YIELD_LAWS.items() if type(law) is kind]
     if len(names) < len(laws):
-        rule = f"must be by a law of a file, {' or '.join(_LAWS)}"
+        rule = f"must be by a law of a file, {' or '.join(_YIELD_LAWS)}"
         raise jp.InvalidInput("hysteresis", "", rule, owner="Buildings")
     if {*names} == {"elastic"}:
         return {}

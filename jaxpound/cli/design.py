@@ -15,6 +15,7 @@ from msgspec import field
 from msgspec.structs import astuple
 
 import jaxpound as jp
+from jaxpound._errors import renamed
 from jaxpound._tables import TextTable
 from jaxpound.cli.buildings import as_toml
 from jaxpound.cli.files import VERSION, kept_search, write_files, write_report
@@ -37,6 +38,12 @@ _Over = Annotated[str | _Share, says(_SHARE)]
 _OfGaps = Literal["mean gap", "worst gap", "soft minimum", "CVaR"]
 
 
+def _worst_share(share: float = 0.1) -> jp.SmallestGap:
+    """The mean of the smallest share of gaps, whose key is ``share``."""
+    with renamed(names={"over": "share"}):
+        return jp.SmallestGap(share)
+
+
 class ObjectiveTable(OfClass):
     """The goal: a function of the smallest gaps, or a demand that is to be least."""
 
@@ -44,7 +51,7 @@ class ObjectiveTable(OfClass):
         "mean gap": partial(jp.SmallestGap, "mean"),
         "worst gap": partial(jp.SmallestGap, "worst"),
         "soft minimum": jp.design.SoftMinimum,
-        "CVaR": lambda share=0.1: jp.SmallestGap(share),
+        "CVaR": _worst_share,
         "pounding probability": jp.PoundingProbability,
         "gap at rest": jp.design.GapAtRest,
         "least demand": jp.design.LeastDemand,

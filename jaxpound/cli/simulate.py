@@ -30,7 +30,7 @@ from jaxpound.ground.plausibility import OFFSET
 from jaxpound.ground.reader import require_possible
 from jaxpound.model.places import link_places
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY, column
-from jaxpound.results.demand import RodDemand
+from jaxpound.results.element_demands import RodDemand
 from jaxpound.results.impacts import ImpactSeries
 from jaxpound.simulation.time_steps import record_grid
 

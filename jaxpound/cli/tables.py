@@ -57,7 +57,10 @@ def of_faces(gap: float | list[float] | None) -> Any:
 
 
 class OfClass(Section):
-    """A table whose first key names a class of the library; the class's parameters are keys."""
+    """A table whose first key names a class, or a function that makes an object of one.
+
+    The parameters of the class or function are keys.
+    """
 
     CLASSES: ClassVar[dict[str, Any]]
 
@@ -65,8 +68,8 @@ class OfClass(Section):
         key = self.__struct_fields__[0]
         by_name = f'{key} = "{getattr(self, key)}"'
         fields = {name: signature(kind).parameters for name, kind in self.CLASSES.items()}
-        own = fields[getattr(self, key)].values()
-        keys = {x.name: x.default is x.empty for x in own if x.name in self.__struct_fields__}
+        taken = fields[getattr(self, key)].values()
+        keys = {x.name: x.default is x.empty for x in taken if x.name in self.__struct_fields__}
         others = {*itertools.chain(*fields.values())} - keys.keys()
         give = f"; give {', '.join(keys)}" if keys else ""
         self.refuse_any(others, f"must not be given with {by_name}{give}")

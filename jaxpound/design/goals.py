@@ -38,6 +38,8 @@ class SmallestGap:
 
     def __post_init__(self) -> None:
         require_over(self.over)
+        if not isinstance(self.over, str):
+            object.__setattr__(self, "over", float(self.over))
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:
         """The statistic."""

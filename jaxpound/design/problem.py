@@ -100,13 +100,14 @@ class DesignProblem:
     def _require_objective(self) -> None:
         """An ``InvalidInput`` for an objective that is not one of these structures."""
         objective, goal = self.objective, self.objective.goal
-        of_goal = [goal.demand] if isinstance(goal, LeastDemand) else []
+        of_gaps = not isinstance(goal, LeastDemand)
         places: Any = {"penalties": objective.penalties, "limits": objective.limits}
-        for place, names in {**places, "goal": of_goal}.items():
+        places["goal"] = [goal.demand] if isinstance(goal, LeastDemand) else []
+        for place, names in places.items():
             for name in names:
                 if rule := self._refusal(name):
                     raise InvalidInput(f"{name!r} in {place}", "", rule)
-        if not (of_goal or self._closable):
+        if of_gaps and not self._closable:
             rule = "must not be of gaps where no link has a finite one"
             raise InvalidInput("goal", repr(goal), f"{rule}; LeastDemand is of a response")
         if isinstance(goal, PoundingProbability):

@@ -94,8 +94,8 @@ class Record(motion.GroundMotion):
             samples = samples * (UNITS[stated_unit(units)] / STANDARD_GRAVITY)
         if not isinstance(name, str):
             raise InvalidInput("name", repr(name), "must be a string")
-        vars(self).update(samples=samples, dt=number("dt", dt), name=name)
-        vars(self).update(time_unit=motion.time_unit_of(time_unit))
+        unit = motion.time_unit_of(time_unit)
+        vars(self).update(samples=samples, dt=number("dt", dt), name=name, time_unit=unit)
         check(self)
         if self.time_unit == motion.SECONDS and not is_traced((samples, self.dt)):
             doubts = of_samples(np.asarray(samples), float(self.dt), stated=units is not None)

@@ -23,7 +23,13 @@ from jaxpound.ground.intensity import spectra
 from jaxpound.ground.reader import read_components
 from jaxpound.ground.record import Record, require_records
 from jaxpound.ground.stations import pairs_of
-from jaxpound.ground.target import PeriodRange, ScaledSuite, TargetSpectrum, bounds, fitted_factors
+from jaxpound.ground.target import (
+    PeriodRange,
+    ScaledSuite,
+    TargetSpectrum,
+    fitted_factors,
+    positive_pair,
+)
 
 PERIODS = 100  # number of those at which spectra are compared with a target
 _NO_RECORD = re.compile(  # names of files beside the records
@@ -184,7 +190,7 @@ class RecordSuite(Shown):
         (('record 2', 'record 3'), 0.9)
         """
         instance("target", target, TargetSpectrum)
-        span, extremes = PeriodRange.of(periods), bounds("factors", factors, "bounds")
+        span, bounds = PeriodRange.of(periods), positive_pair("factors", factors, "bounds")
         if best is not None and count("best", best) > len(self):
             rule = f"must be at most {len(self)}, all records"
             raise InvalidInput("best", str(best), rule)
@@ -201,9 +207,9 @@ class RecordSuite(Shown):
         with renamed():
             ordinates = target.at(periods_at)
         unscaled = self.spectra(periods_at, target.damping)
-        selected, fitted = fitted_factors(ordinates / unscaled, extremes, best, least)
+        selected, fitted = fitted_factors(ordinates / unscaled, bounds, best, least)
         suite, at = self.chosen(selected).scaled(fitted), fitted[:, None] * unscaled[selected]
-        scaled = ScaledSuite(suite, fitted, target, span, periods_at, at, extremes)
+        scaled = ScaledSuite(suite, fitted, target, span, periods_at, at, bounds)
         warn(scaled.findings(), strict)
         return scaled
 

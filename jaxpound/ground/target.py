@@ -75,12 +75,12 @@ class PeriodRange(NamedTuple):
     @classmethod
     def of(cls, value: Any) -> PeriodRange:
         """A pair of numbers as a range; an ``InvalidInput`` for anything else."""
-        low, high = bounds("periods", value, "a range")
+        low, high = positive_pair("periods", value, "a range")
         enforce([Rule("periods", high, high > low, f"above the lower end, {low:g}")])
         return cls(low, high)
 
 
-def bounds(name: str, value: Any, kind: str) -> tuple[float, float]:
+def positive_pair(name: str, value: Any, kind: str) -> tuple[float, float]:
     """Two positive numbers; an ``InvalidInput`` for anything else."""
     if np.shape(value) != (2,):
         raise InvalidInput(name, repr(value), f"must be {kind} (low, high)")

@@ -338,7 +338,8 @@ def _require_drawn(curve: CurvePoints, source: Study | RareEvent, instead: str) 
     if not any((np.ptp(np.log(curve) - np.log(x), axis=1) < _SAME).all() for x in curves):
         rule = "must be drawn by HazardCurve.distribution of this curve, or weighed by its "
         rule += f"HazardCurve.weights, and are not known to be; give {instead}, or drawn=True if"
-        raise InvalidInput(f"intensities of the {noun}", "", f"{rule} they follow this curve")
+        rule += " they follow this curve (weights are plain numbers, of which none is known to)"
+        raise InvalidInput(f"intensities of the {noun}", "", rule)
 
 
 def _drawing(described: Any) -> Iterator[Any]:

@@ -95,8 +95,7 @@ class Scene:
         for left, rest, ends in between:
             if rest < spaces[left]:
                 for end in ends:
-                    sides, to_the_right = self._floors[end].extensions, building_of[end] == left
-                    sides[to_the_right] = max(sides[to_the_right], (spaces[left] - rest) / 2)
+                    self._floors[end].reach_out((spaces[left] - rest) / 2, building_of[end] == left)
         self._centre, self._deep = (low + far) / 2, deep
         self._words = ax.text(self._centre, high + 2.4 * deep, "", ha="center", va="center")
         ax.text(low, -2.4 * deep, "ground $u''$", va="center")
@@ -134,15 +133,19 @@ class _Floor:
         self.first_yield_time: Any = None
         (self.left, self.low), (self.width, slab) = corner, size
         self.high = self.low + slab
-        self.extensions = [0.0, 0.0]  # to the left and right, of links with narrower gaps
+        self._extensions = [0.0, 0.0]  # to the left and to the right
         self._body = ax.add_patch(Rectangle(corner, *size, facecolor=colour, alpha=0.8))
         self._columns = [ax.plot([], [], color=colour, linewidth=1.8)[0] for _ in range(2)]
+
+    def reach_out(self, by: float, to_the_right: bool) -> None:
+        """Widen the floor on the side of a link with a narrower gap."""
+        self._extensions[to_the_right] = max(self._extensions[to_the_right], by)
 
     def face(self, i: int, to_the_right: bool) -> float:
         """Where its side is at instant i."""
         if to_the_right:
-            return self.left + self.width + self.extensions[1] + float(self.x[i])
-        return self.left - self.extensions[0] + float(self.x[i])
+            return self.left + self.width + self._extensions[1] + float(self.x[i])
+        return self.left - self._extensions[0] + float(self.x[i])
 
     def show(self, i: int, time: float) -> None:
         left = self.face(i, False)

@@ -72,12 +72,12 @@ def envelope(
         rule = f"must be a demand of floors; {hint(quantity, _DRAWN)}"
         raise InvalidInput("quantity", repr(quantity), rule)
     runs, buildings, heights = _runs(floors, elevations)
-    if len(runs) > 1 < len(buildings):
+    if len(runs) > 1 and len(buildings) > 1:
         rule = "must be of one building; envelopes compares several"
         raise InvalidInput("floors to be compared", "", rule)
     lines: list[Any] = []
     for b, building in enumerate(buildings):
-        if getattr(building, quantity) is not None:
+        if any(getattr(run[b], quantity) is not None for run in runs.values()):
             profiles = [_values(run[b], quantity) for run in runs.values()]
             _require_valid(runs, profiles)
             styles = _styles(runs, building.building)
@@ -139,7 +139,7 @@ def envelopes(
         _require_valid(runs, of_runs)
     shown = [name for name, x in profiles.items() if name in usual or any(map(np.any, chain(*x)))]
 
-    together = len(runs) == 1 < len(buildings)
+    together = len(runs) == 1 and len(buildings) > 1
     rows = [[*range(len(buildings))]] if together else [[b] for b in range(len(buildings))]
     inches = 0.5 + 0.06 * max(building.size for building in heights)
     figure = house.new_figure(2, inches * len(rows) + 0.35)

@@ -48,7 +48,7 @@ def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
     return tuple(load_on(number, ends, forces) / mass for number, mass in enumerate(system.masses))
 
 
-_OBSERVERS: dict[str, Any] = {  # of the numbers that series combine, and how many there are
+_OBSERVERS: dict[str, Any] = {  # by kind the numbers at an instant, and how many there are
     # Displacement of each mass, and the closing of each link: its gap at rest less its gap.
     "length": (_positions, lambda topology: topology.n_masses + len(topology.links)),
     "acceleration": (_accelerations, lambda topology: topology.n_masses),

@@ -197,11 +197,12 @@ class RareEvent(Shown):
     def slopes_by(self, chosen: Sequence[str] | None = None) -> dict[str, Slope]:
         """Derivatives of ln P by chosen or all parameters of the structures, NaN of infinite ones.
 
-        Fewer compile sooner. They follow from the samples near the limit state, which are run again
-        with gradients. A parameter that the scenarios draw is shifted in all of them. The slope is
-        0 by parameters that the demand does not depend on, such as the gap at rest where the event
-        is that another gap closes. Raises ``ValueError`` if there is no such parameter, or fewer
-        than 20 samples reach the limit state.
+        They follow from the samples near the limit state, which each call runs again with
+        gradients: ask for several at once, and for chosen ones, which compile sooner. A parameter
+        that the scenarios draw is shifted in all of them. The slope is 0 by parameters that the
+        demand does not depend on, such as the gap at rest where the event is that another gap
+        closes. Raises ``ValueError`` if there is no such parameter, or fewer than 20 samples reach
+        the limit state.
         """
         density, slopes, samples = self._densities(), {}, self.samples
         near, parts = np.flatnonzero(density), np.zeros(len(samples))
@@ -211,7 +212,7 @@ class RareEvent(Shown):
         return slopes
 
     def slope(self, path: str) -> Slope:
-        """Derivative of ln P by a parameter, with its standard error; see ``slopes_by``."""
+        """Derivative of ln P by a parameter, with its standard error; of several: ``slopes_by``."""
         return self.slopes_by([path])[path]
 
     @property

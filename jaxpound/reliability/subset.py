@@ -336,7 +336,7 @@ def run_in_lockstep(
         for repeat, number in before:
             try:
                 query = queries[repeat, number + 1] = repeats[repeat].send(answers[repeat, number])
-                _, reached[repeat] = query
+                reached[repeat] = query[1]
             except StopIteration as end:
                 levels[repeat] = end.value
                 reached[repeat] = end.value[-1].estimate

@@ -93,8 +93,8 @@ class Task:
             inputs["parameters"] = sets.parameter_names(self.scenarios)
         columns = sets.keys_in_order(self.run, self.z_type())
         program = program_digest(drawn, self.z_type())
-        identity = store.identity(None, columns, self.chunk_size, program, **inputs)
-        return identity | {"versions": identity["versions"] | {"scipy": scipy.__version__}}
+        described = store.identity(None, columns, self.chunk_size, program, **inputs)
+        return described | {"versions": described["versions"] | {"scipy": scipy.__version__}}
 
     def identified(self, identity: dict[str, Any]) -> Task:
         """The task with the columns' names and the fingerprint of its programs."""

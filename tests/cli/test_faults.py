@@ -175,6 +175,7 @@ goal = "least demand" & demand = "peak_drft"
     => [objective] unknown demand 'peak_drft'; did you mean 'peak_drift'?
 goal = "least demand" & demand = "peak_contact"
     => objective: 'peak_contact' in goal must be of structures with a contact law
+goal = "CVaR" & share = 1.0 => share = 1 must be between 0 and 1
 goal = "CVaR" & share = 2.0 => [objective] share = 2.0 must be between 1e-06 and 1 (of the
 peak_f1 -> peak_f3 = 1.0 => objective: 'peak_f3' in limits must be one of
 peak_f1 = -1.0 => [limits] peak_f1 = -1 N must be between 1e-06 and 1e+12 N

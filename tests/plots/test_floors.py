@@ -25,6 +25,15 @@ def floors(n, building=0, contact=True, si=True):
     return FloorDemands(building=building, masses=tuple(range(n)), **values, si=si)
 
 
+def test_a_demand_that_only_some_runs_have_is_drawn_for_all_of_them(ax):
+    """The elastic run, which has no ductility, may come first: it is grey."""
+    weak = dataclasses.replace(floors(2), ductility=np.array([1.5, 0.5]))
+    for runs in ({"elastic": floors(2), "weak": weak}, {"weak": weak, "elastic": floors(2)}):
+        drawn = plots.envelope({name: (run,) for name, run in runs.items()}, "ductility", ax=ax)
+        assert len(drawn.lines) >= 2
+        ax.clear()
+
+
 TOUCHING = {"contact_left": np.array([7.0, 0.0, 1.0]), "contact_right": np.array([2.0, 0.0, 5.0])}
 
 

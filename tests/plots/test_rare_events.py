@@ -11,6 +11,7 @@ import jaxpound as jp
 from jaxpound.plots import rare_events
 from jaxpound.reliability.design_points import DesignPoints
 from jaxpound.reliability.result import Samples
+from tests.made import in_si
 from tests.plots.runs import legend
 from tests.refusals import refused
 from tests.reliability.test_rare_event import FEW, HILLS, SHORT
@@ -18,8 +19,7 @@ from tests.reliability.test_rare_event import FEW, HILLS, SHORT
 STATE = jp.LimitState(FEW, SHORT, threshold=0.2)
 ACCELERATION = dataclasses.replace(STATE, demand="peak_acceleration_1")
 SCALES = jp.Scales(mass=1e5, frequency=5.0)
-LEFT, RIGHT, FORCE, GAP = SCALES.buildings(jp.paper.structures())
-PAIR = jp.Buildings((LEFT, RIGHT), (jp.FloorLink(0, 0, friction=FORCE, gap=GAP),))
+PAIR = in_si(jp.paper.structures(), SCALES)
 
 
 def in_seconds(z):

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._extrema import larger
-from jaxpound.results.demand import LinkDemand
+from jaxpound.results.element_demands import LinkDemand
 from jaxpound.simulation.contact.records import APART, Contact, GapStep, is_deformed, soft_larger
 from jaxpound.simulation.state import LinkInstant
 

@@ -19,7 +19,8 @@ import jax.numpy as jnp
 from jaxpound.model.ends import WeightedEnds, along, link_ends, load_on, times
 from jaxpound.model.system import System
 from jaxpound.model.topology import Topology, is_storey
-from jaxpound.results.demand import Demand, MassDemand, RodDemand
+from jaxpound.results.demand import Demand
+from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.contact.records import Contact
 from jaxpound.simulation.observe.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
