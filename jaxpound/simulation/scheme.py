@@ -216,10 +216,10 @@ def _overdamped(system: System, dt: float) -> list[str]:
             share = float(mobility(joint.ends, system.masses) / (row @ damping.inverse @ row)) - 1
             if share > _STRONG:
                 return [
-                    f"link {link_places(system.topology)[joint.link]}: dt times the dashpots at "
-                    f"its ends is {2 * share:.3g} times their mass, and should be at most "
-                    f"{2 * _STRONG:g} times for links that touch or share masses, whose friction "
-                    f"and contact are inexact else; take dt {share / _STRONG:.3g} times smaller"
+                    f"link {link_places(system.topology)[joint.link]}: dt c/m is {2 * share:.3g}, "
+                    f"with c of the dashpots and m of the masses at its ends, and should be at "
+                    f"most {2 * _STRONG:g} where links touch or share masses: friction and contact "
+                    f"are inexact else; take dt {share / _STRONG:.3g} times smaller"
                 ]
     return []
 
@@ -332,7 +332,7 @@ def _largest_eigenvalue(system: System, stiffness: list[Any]) -> Any:
     for mass, matrix in _scaled_matrices(system, stiffness, np):
         root = np.linalg.inv(np.linalg.cholesky(mass))
         largest.append(np.linalg.eigvalsh(root @ matrix @ np.swapaxes(root, -1, -2))[..., -1])
-    return np.max(largest, axis=0)
+    return np.max(np.broadcast_arrays(*largest), axis=0)
 
 
 def _scaled_matrices(system: System, stiffness: list[Any], xp: Any) -> list[tuple[Any, Any]]:
