@@ -5,13 +5,14 @@
 
 ``export`` writes the programs of this checkout: a batch of 480 pairs of 500 steps that differ in
 friction or in all parameters, its gradients, all its scalars, and the runs with contact of
-``contact_programs``. ``compare`` compiles and runs those of both folders, in processor time.
-``jax.export`` needs the package flatbuffers.
+``contact_programs``. ``compare`` compiles and runs those of both folders in turn; of several
+processor times the least counts. ``jax.export`` needs the package flatbuffers.
 """
 
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import contact_programs
@@ -28,7 +29,8 @@ GRID, GROUND, CASE = jp.TimeGrid.until(20.0, 0.04), jp.paper.ground(), jp.paper.
 FRICTIONS, SHARES = jnp.linspace(0.05, 0.5, 480), jnp.linspace(0.95, 1.05, 480)
 EACH = jax.tree.map(lambda x: x * SHARES, CASE)
 WITH_CONTACT = ("pair", "pair, gradient", "batch", "batch, gradient", "towers 3 and 2")
-ROUNDS = 40
+WITH_CONTACT += ("towers 3 and 2, gradient", "towers 10 and 10")
+ROUNDS, COMPILATIONS = 40, 3
 
 
 def smallest_gap(structures):
@@ -66,26 +68,33 @@ def write(folder):
         np.savez(folder / f"{name}.npz", *map(np.asarray, leaves))
 
 
+def least(rounds, actions):
+    """Least processor time of each action, of rounds in turn, and the last results."""
+    times, results = [[] for _ in actions], [None] * len(actions)
+    for _ in range(rounds):
+        for k, action in enumerate(actions):
+            start = time.process_time()
+            results[k] = jax.block_until_ready(action())
+            times[k].append(time.process_time() - start)
+    return [*map(min, times)], results
+
+
 def compare(*folders):
-    print(f"JAX {jax.__version__}: time over time before, of {ROUNDS} rounds in turn")
+    print(f"JAX {jax.__version__}: now over before; runs in ms, compilations in s")
     for path in sorted(folders[0].glob("*.bin")):
-        runs = []
+        lowered, arguments = [], []
         for folder in folders:
             numbers = np.load(folder / f"{path.stem}.npz")
-            arguments = [jnp.asarray(numbers[key]) for key in numbers.files]
+            arguments.append([jnp.asarray(numbers[key]) for key in numbers.files])
             program = export.deserialize((folder / path.name).read_bytes())
-            runs.append((jax.jit(program.call), arguments))
-        results = [function(*arguments) for function, arguments in runs]
+            lowered.append(jax.jit(program.call).lower(*arguments[-1]))
+        seconds, programs = least(COMPILATIONS, [x.compile for x in lowered])
+        runs = [partial(x, *numbers) for x, numbers in zip(programs, arguments, strict=True)]
+        times, results = least(ROUNDS, runs)
         apart = max(float(jnp.abs(x - y).max()) for x, y in zip(*results, strict=True))
-        times = [[], []]
-        for _ in range(ROUNDS):
-            for (function, arguments), seconds in zip(runs, times, strict=True):
-                start = time.process_time()
-                jax.block_until_ready(function(*arguments))
-                seconds.append(time.process_time() - start)
-        before, now = map(min, times)
-        ms = f"{1e3 * before:8.2f} ms, {1e3 * now:8.2f} ms"
-        print(f"{path.stem:28}{ms}: {now / before:.3f}; apart {apart:.0e}", flush=True)
+        ms = f"{1e3 * times[0]:7.2f} {1e3 * times[1]:7.2f}: {times[1] / times[0]:.3f}"
+        s = f"{seconds[0]:6.2f} {seconds[1]:6.2f}: {seconds[1] / seconds[0]:.3f}"
+        print(f"{path.stem:28}{ms}; compiled{s}; apart {apart:.0e}", flush=True)
 
 
 if __name__ == "__main__":
