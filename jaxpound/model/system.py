@@ -205,16 +205,18 @@ class System:
     its share ι; displacements x are relative to the ground. Rods are stretched by B x, and gaps of
     links close by C x. Inerters add Cᵀ b C x'' on the left.
 
-    Raises ``ValueError`` if an end names no mass, a mass has no path of rods to the ground, or
-    links close a ring; with weights, if rods leave a motion of the masses free, or the closing of a
-    link follows from those of other links.
+    Raises ``ValueError`` if an end names no mass, a mass has no path of rods with a stiffness to
+    the ground, a dashpot comes before the rods that tie its ends, or links close a ring; with
+    weights, if rods leave a motion of the masses free, or the closing of a link follows from those
+    of other links.
 
     Parameters
     ----------
     masses
         Masses > 0, one number each, in units of m1. Any of them may be m1; usually it is the first.
     rods
-        The rods. They must tie every mass to the ground, directly or through other masses.
+        The rods. Those with a stiffness must tie every mass to the ground, directly or through
+        other masses, and come before dashpots on them.
     links
         The links. They may not close a ring: the friction forces of a ring in stick are not
         determined. A link without friction may have the opposite ends of one before it, whose

@@ -26,8 +26,8 @@ _NONE = complex("nan+nanj")
 class Modes(Shown):
     """Modes of masses, rods, dampers and inerters, without friction and contact, the slowest first.
 
-    Rods that yield are taken as they are before they do; those of a ``PowerLaw`` count if they are
-    linear, and are left out otherwise.
+    Rods that yield are taken as they are before they do; dashpots count, those of a ``PowerLaw`` if
+    they are linear.
 
     Frequencies of dimensionless structures are in ω1, those of structures in SI in rad/s.
 

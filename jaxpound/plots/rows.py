@@ -45,11 +45,12 @@ def row(
     """Buildings from left to right, with the numbers of their floors, storeys and links.
 
     Masses m stand in the floors, stiffnesses K in the storeys, slip forces μ, from slow to fast,
-    forces F of viscous dampers and gaps at rest ξ0 at the links, with the numbers of their series;
-    in SI units of ``Buildings``, else dimensionless. Dampers are green, also braces within a
-    building and dampers to the ground; pads are orange where contact has a law; an arrow is a gap,
-    to a wall where the other end is the ground. Bearings, a first storey of less than half of the
-    height of another, and walls as low as these stand in a pit. Tuned masses are narrower.
+    forces F or coefficients c of viscous dampers and gaps at rest ξ0 at the links, with the numbers
+    of their series; in SI units of ``Buildings``, else dimensionless. Dampers are green, also
+    braces within a building and dampers to the ground; pads are orange where contact has a law; an
+    arrow is a gap, to a wall where the other end is the ground. Bearings, a first storey of less
+    than half of the height of another, and walls as low as these stand in a pit. Tuned masses are
+    narrower.
 
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the

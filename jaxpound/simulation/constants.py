@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain, islice, zip_longest
+from itertools import chain, islice
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -128,7 +128,8 @@ class StepConstants(NamedTuple):
         In a step with dashpots joints without a flow have the mean mobility P for M⁻¹.
         """
         moved = list(y)
-        for kind, closing, flow in zip_longest(self.joints, closings, flows):
+        each = zip(self.joints, closings, flows or [None] * len(closings), strict=True)
+        for kind, closing, flow in each:
             missing = closing - kind.along(moved)
             if kind.with_dashpots is None:
                 kind.follow(moved, missing)

@@ -69,9 +69,9 @@ def one_step(
     owed = None
     if system.damping is not None:
         owed = system.damping.owed(system.joints, moved)
-    if drag is not None:  # the joints, and the masses with them, as dashpots drag them
-        smooth = [v - now.kick * h * a for v, a in zip(v, a, strict=True)]
-        free, ground = system.accelerations(rods, smooth, before.owed, now)
+    if drag is not None:  # as dashpots drag masses and joints; the pull is that after all jumps
+        jumped = [v - now.kick * h * a for v, a in zip(v, a, strict=True)]
+        free, ground = system.accelerations(rods, jumped, before.owed, now)
         dragged = drag.position + h**2 / 8 * drag.end
         drifted = [x + y for x, y in zip(drifted, dragged, strict=True)]
         moved = [
