@@ -84,7 +84,7 @@ def chaos() -> None:
     grid, change = jp.TimeGrid.until(40.0, dt=0.02), 1e-3
     wider = replace(pair, initial_gap=pair.initial_gap + change)
     one, other = (jp.simulate(each, shaking, grid) for each in (pair, wider))
-    grown = jp.perturbation_growth(pair, shaking, grid)
+    grown = jp.study.perturbation_growth(pair, shaking, grid)
     horizon = float(grown.horizon(change))
 
     figure = new_figure(2, 1.6)

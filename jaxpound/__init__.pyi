@@ -48,6 +48,7 @@ from .model import AdjacentStructures as AdjacentStructures
 from .model import Bilinear as Bilinear
 from .model import BoucWen as BoucWen
 from .model import Building as Building
+from .model import Dashpot as Dashpot
 from .model import FloorLink as FloorLink
 from .model import FrictionPendulum as FrictionPendulum
 from .model import Hertz as Hertz
@@ -110,6 +111,5 @@ from .study import en_1998_gap as en_1998_gap
 from .study import fit_fragility as fit_fragility
 from .study import inelastic_spectrum as inelastic_spectrum
 from .study import monte_carlo as monte_carlo
-from .study import perturbation_growth as perturbation_growth
 from .study import sobol_sensitivity as sobol_sensitivity
 from .units import Scales as Scales

@@ -17,6 +17,7 @@ _UNITS = {  # of each kind of quantity
     "impulse": ("N s", "m1 g/ω1"),
     "mass": ("kg", "m1"),
     "stiffness": ("N/m", "m1 ω1²"),
+    "damping": ("N s/m", "m1 ω1"),
     "hertz stiffness": ("N/m^1.5", "m1 ω1³/√g"),
 }
 SI = {kind: unit for kind, (unit, _) in _UNITS.items()}

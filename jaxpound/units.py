@@ -75,6 +75,7 @@ class Scales:
             "impulse": self.force * self.time,
             "mass": self.mass,
             "stiffness": self.force / self.length,
+            "damping": self.mass / self.time,
             "hertz stiffness": self.force / self.length**1.5,
         }
 

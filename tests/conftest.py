@@ -72,7 +72,17 @@ nbmake.nb_run.NotebookClient = functools.partial(
 # programs, as smaller ones of other files have the same functions. A whole number may stand for a
 # float, as it may for mypy.
 CHECKED = tuple(Path(__file__).parent / wing for wing in ("_xla", "results", "simulation"))
-LARGE = ("contact", "dampers", "divergence", "faces", "impacts", "inerters", "plans", "rows")
+LARGE = (
+    "contact",
+    "dampers",
+    "dashpots",
+    "divergence",
+    "faces",
+    "impacts",
+    "inerters",
+    "plans",
+    "rows",
+)
 LARGE += ("systems", "weights")
 CHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
 jaxtyping.install_import_hook([f"jaxpound.{path.name}" for path in CHECKED], CHECKER)

@@ -177,7 +177,7 @@ def test_public_names_are_documented_and_hidden_by_no_module():
     with pytest.raises(AttributeError, match="module 'jaxpound' has no attribute 'simulat'") as e:
         jp.simulat  # noqa: B018
     assert (e.value.name, e.value.obj) == ("simulat", jp)  # whence Python's "Did you mean"
-    for old, new in (("Limit", "design.Limit"), ("growth", "perturbation_growth")):
+    for old, new in (("Limit", "design.Limit"), ("growth", "study.perturbation_growth")):
         with pytest.raises(AttributeError, match=f"no attribute '{old}'; it is now jp.{new}$"):
             getattr(jp, old)
     with pytest.raises(AttributeError, match=r"'simulate_row'; it is now jp.simulate\(Buildings\("):

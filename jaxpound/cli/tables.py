@@ -101,17 +101,25 @@ class ContactSection(OfClass):
 
 
 class DamperSection(OfClass):
-    """A viscous damper, a dashpot in series with a spring; or a viscoelastic one."""
+    """A dashpot; one with a power of the velocity, in series with a spring; a viscoelastic rod."""
 
-    CLASSES: ClassVar = {"power": jp.PowerLaw, "zener": jp.ZenerRod}
-    law: Literal["power", "zener"]
-    stiffness: Annotated[float, of_field(jp.Building, "stiffness")]
+    CLASSES: ClassVar = {"dashpot": jp.Dashpot, "power": jp.PowerLaw, "zener": jp.ZenerRod}
+    law: Literal["dashpot", "power", "zener"]
+    coefficient: Annotated[float, of_field(jp.Dashpot, "coefficient")] | None = None
+    stiffness: Annotated[float, of_field(jp.Building, "stiffness")] | None = None
     force: Friction | None = None
     exponent: Annotated[float, of_field(jp.PowerLaw, "exponent")] | None = None
     velocity: Annotated[float, of_field(jp.PowerLaw, "velocity")] | None = None
     order: Annotated[float, of_field(jp.Building, "order")] | None = None
     tau_f: Annotated[float, of_field(jp.Building, "tau_f")] | None = None
     tau_x: Annotated[float, of_field(jp.Building, "tau_x")] | None = None
+
+    def __post_init__(self) -> None:
+        if self.law == "dashpot":
+            self.refuse_any(["stiffness"], 'must not be given with law = "dashpot"')
+        else:
+            self.require_all(["stiffness"], f', which law = "{self.law}" needs')
+        super().__post_init__()
 
     def model(self) -> jp.Rod:
         """The library's rod, in SI units."""

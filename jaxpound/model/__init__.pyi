@@ -8,6 +8,7 @@ from .contact import Jankowski as Jankowski
 from .contact import KelvinVoigt as KelvinVoigt
 from .contact import Newton as Newton
 from .contact import contact_stiffness as contact_stiffness
+from .dampers import Dashpot as Dashpot
 from .dampers import Inerter as Inerter
 from .dampers import PowerLaw as PowerLaw
 from .dampers import VelocityFriction as VelocityFriction

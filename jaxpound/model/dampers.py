@@ -11,6 +11,7 @@ from jaxpound._checks import Range
 from jaxpound._fields import Batch, parameter, pytree_dataclass
 
 _VELOCITY = Range(1e-6, 100, "m/s", "of an earthquake's motion")
+_COEFFICIENT = Range(0, 1e14, "N s/m", "from models to the ground under a tower")
 _INERTANCE = Range(0, 1e12, "kg", "up to that of many buildings")
 
 
@@ -49,6 +50,33 @@ class PowerLaw(Batch):
     velocity: Any = parameter(
         "v", "velocity", "reference velocity", above=0, within=_VELOCITY, default=1.0
     )
+
+
+@pytree_dataclass
+class Dashpot(Batch):
+    """A linear dashpot, f = c e'; a material of a rod, whose stiffness is left out.
+
+    It needs no brace, and no shorter time step for stability. Beside links that touch, share masses
+    or have friction that grows with the velocity, steps should be below 0.4 m/c of the mass at its
+    ends; a run warns of longer ones.
+
+    Raises ``ValueError`` if a concrete value breaks its rule.
+
+    Parameters
+    ----------
+    coefficient
+        c ≥ 0, in units of m1 ω1 for a dimensionless system.
+
+    Examples
+    --------
+    A spring and a dashpot of 5 % between a block and the ground:
+
+    >>> spring = jp.Rod(jp.ZenerRod(order=1.0, tau_f=1.0, tau_x=1.0), 1.0, (0, jp.GROUND))
+    >>> dashpot = jp.Rod(jp.Dashpot(0.1), ends=(0, jp.GROUND))
+    >>> system = jp.System((1.0,), (spring, dashpot))
+    """
+
+    coefficient: Any = parameter("c", "damping", "coefficient", least=0, within=_COEFFICIENT)
 
 
 @pytree_dataclass

@@ -62,9 +62,12 @@ def along(ends: WeightedEnds, x: Sequence[Any]) -> Any:
 
 
 def less_ground(pull: Any, influence: Any, ground: Any) -> Any:
-    """An acceleration along ends less C ι u'', which drops out where all move with the ground."""
+    """An acceleration along ends less C ι u'', which drops out where all move with the ground.
+
+    Without ``ground`` it has its part already.
+    """
     moves_all = isinstance(influence, int | float) and not influence
-    return pull if moves_all else pull - influence * ground
+    return pull if moves_all or ground is None else pull - influence * ground
 
 
 def load_on(mass: int, all_ends: Sequence[WeightedEnds], forces: Sequence[Any]) -> Any:

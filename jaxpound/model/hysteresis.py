@@ -15,7 +15,7 @@ import numpy as np
 from jaxpound._checks import Range, Rule, finite
 from jaxpound._extrema import larger
 from jaxpound._fields import Batch, Parameter, like, parameter, part, pytree_dataclass, walk
-from jaxpound.model.dampers import PowerLaw
+from jaxpound.model.dampers import Dashpot, PowerLaw
 from jaxpound.model.parameters import replaced
 from jaxpound.model.rod import ZenerRod
 
@@ -306,7 +306,7 @@ def zener_of(material: Any) -> ZenerRod | None:
 def hysteresis_of(material: Any) -> Any:
     """The law of hysteresis of a material; None for one that does not yield."""
     law = material.hysteresis if isinstance(material, YieldingZener) else material
-    return None if isinstance(law, ZenerRod | PowerLaw) else law
+    return None if isinstance(law, ZenerRod | PowerLaw | Dashpot) else law
 
 
 def material_in(material: Any, frequency: Any, length: Any = 1.0) -> Any:

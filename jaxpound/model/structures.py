@@ -129,6 +129,9 @@ class Storeys:
             if rod.ends not in (None, storey_ends(i)):
                 rule = f"must be left out, or those of its storey, {storey_ends(i)}"
                 raise InvalidInput(f"rods.{i}.ends", str(rod.ends), rule)
+            if rod.stiffness is None:
+                rule = "must have a stiffness, as it is a storey: a dashpot holds no floor"
+                raise InvalidInput(f"rods.{i}", "", rule)
 
     @property
     def n_floors(self) -> int:

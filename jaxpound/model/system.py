@@ -22,7 +22,7 @@ from jaxpound._checks import as_tuple as as_tuple
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
-from jaxpound.model.dampers import Inerter, PowerLaw, VelocityFriction
+from jaxpound.model.dampers import Dashpot, Inerter, PowerLaw, VelocityFriction
 from jaxpound.model.ends import along, beside_axis, weighted
 from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
 from jaxpound.model.rod import ZenerRod
@@ -48,10 +48,11 @@ class Rod:
     ----------
     material
         The rod's law: a ``ZenerRod``; ``Bilinear``, ``BoucWen`` or any ``HysteresisLaw``, of rods
-        that yield; ``YieldingZener``, both in one; or ``PowerLaw``, a viscous damper.
+        that yield; ``YieldingZener``, both in one; ``PowerLaw``, a viscous damper on a brace; or
+        ``Dashpot``.
     stiffness
         Long-time stiffness K > 0, before the rod yields; in units of m1 ω1² for a dimensionless
-        system.
+        system. A ``Dashpot`` has none.
     ends
         Two masses i and j by number, from 0, or ``GROUND``. The rod is stretched by x_i − x_j, and
         by x_i if j is the ground; its force f pulls i back and j along. Rods of ``Storeys`` may
@@ -60,8 +61,8 @@ class Rod:
         each mass. Weights are numbers that can be traced; they are then in ``weights``.
     """
 
-    material: Any = part(ZenerRod, YieldingZener, PowerLaw, HysteresisLaw, traced=True)
-    stiffness: Any = parameter("K", "stiffness", "stiffness", above=0)
+    material: Any = part(ZenerRod, YieldingZener, PowerLaw, Dashpot, HysteresisLaw, traced=True)
+    stiffness: Any = parameter("K", "stiffness", "stiffness", above=0, optional=True, default=None)
     ends: AnyEnds | None = static(default=None)
     weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
 
@@ -69,6 +70,10 @@ class Rod:
         if self.ends is not None:
             _set_ends(self)
         check(self)
+        if isinstance(self.material, Dashpot) != (self.stiffness is None):
+            rule = "must be positive" if self.stiffness is None else "must be left out"
+            words = f"{rule} for {type(self.material).__name__}"
+            raise InvalidInput("stiffness", str(self.stiffness), words)
 
 
 @pytree_dataclass
@@ -200,16 +205,18 @@ class System:
     its share ι; displacements x are relative to the ground. Rods are stretched by B x, and gaps of
     links close by C x. Inerters add Cᵀ b C x'' on the left.
 
-    Raises ``ValueError`` if an end names no mass, a mass has no path of rods to the ground, or
-    links close a ring; with weights, if rods leave a motion of the masses free, or the closing of a
-    link follows from those of other links.
+    Raises ``ValueError`` if an end names no mass, a mass has no path of rods with a stiffness to
+    the ground, a dashpot comes before the rods that tie its ends, or links close a ring; with
+    weights, if rods leave a motion of the masses free, or the closing of a link follows from those
+    of other links.
 
     Parameters
     ----------
     masses
         Masses > 0, one number each, in units of m1. Any of them may be m1; usually it is the first.
     rods
-        The rods. They must tie every mass to the ground, directly or through other masses.
+        The rods. Those with a stiffness must tie every mass to the ground, directly or through
+        other masses, and come before dashpots on them.
     links
         The links. They may not close a ring: the friction forces of a ring in stick are not
         determined. A link without friction may have the opposite ends of one before it, whose
@@ -359,16 +366,21 @@ def _require_held(system: System) -> None:
     With weights it depends on numbers, which traced ones may not tell.
     """
     topology, n = system.topology, len(system.masses)
-    if any(isinstance(ends, WeightedMasses) for ends in topology.rods):
-        if (rows := _rows(system.rods, n)) is not None and (_rank(rows) < n).any():
-            rule = "must hold all masses: in some motion of them no rod is stretched"
+    holding = [rod for rod in system.rods if rod.stiffness is not None]
+    if any(isinstance(rod.ends, WeightedMasses) for rod in holding):
+        if (rows := _rows(holding, n)) is not None and (_rank(rows) < n).any():
+            rule = "must hold all masses: in some motion of them no rod but dashpots is stretched"
             raise InvalidInput("rods", "", rule)
     else:
-        group, _ = joined_ends(n, topology.rods)
+        group, _ = joined_ends(n, tuple(rod.ends for rod in holding if rod.ends is not None))
         for mass in range(n):
             if group[mass] != group[GROUND]:
                 rule = "must be tied to the ground by rods, directly or through other masses"
+                rule += "; dashpots hold no mass" * (len(holding) < len(system.rods))
                 raise InvalidInput(f"masses.{mass}", "", rule)
+    if (first := _untied_dashpot(system)) is not None:
+        rule = "must come after the rods with a stiffness that tie its ends"
+        raise InvalidInput(f"rods.{first}, a dashpot,", "", rule)
     if (closing := ring(topology)) is not None:
         ends, rule = topology.links[closing], "must not close a ring with the links before it"
         if any({*ends} == {*before} for before in topology.links[:closing]):
@@ -382,6 +394,21 @@ def _require_held(system: System) -> None:
             if (_rank(rows[..., :number, :]) < number).any():
                 rule = "must have a closing that does not follow from those of the links before it"
                 raise InvalidInput(f"links.{k}.ends", _written(system.links[k]), rule)
+
+
+def _untied_dashpot(system: System) -> int | None:
+    """The first dashpot whose ends rods before it do not tie, so that it seems to be a storey."""
+    tying: list[AnyEnds] = []
+    for k, rod in enumerate(system.rods):
+        if rod.ends is None or isinstance(rod.ends, WeightedMasses):
+            continue
+        if rod.stiffness is not None:
+            tying.append(rod.ends)
+        else:
+            group, _ = joined_ends(len(system.masses), tuple(tying))
+            if len({group[end] for end in rod.ends}) > 1:
+                return k
+    return None
 
 
 def _rows(elements: Sequence[Rod | Link], n: int) -> np.ndarray | None:

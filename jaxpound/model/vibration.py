@@ -11,7 +11,7 @@ import numpy as np
 from jaxpound._checks import instance, is_known_and_single, is_traced
 from jaxpound._errors import InvalidInput
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.dampers import PowerLaw
+from jaxpound.model.dampers import Dashpot, PowerLaw
 from jaxpound.model.ends import elongation
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import Structures, in_si
@@ -26,8 +26,8 @@ _NONE = complex("nan+nanj")
 class Modes(Shown):
     """Modes of masses, rods, dampers and inerters, without friction and contact, the slowest first.
 
-    Rods that yield are taken as they are before they do; those of a ``PowerLaw`` count if they are
-    linear, and are left out otherwise.
+    Rods that yield are taken as they are before they do; dashpots count, those of a ``PowerLaw`` if
+    they are linear.
 
     Frequencies of dimensionless structures are in ω1, those of structures in SI in rad/s.
 
@@ -149,12 +149,14 @@ class _Linear:
         self._rods: list[tuple[Any, Any]] = []
         for rod in system.rods:
             influence = np.linalg.solve(self._root, elongation(rod, unit_motions))
-            k, law = float(rod.stiffness), rod.material
-            if isinstance(law, PowerLaw):
+            law = rod.material
+            if isinstance(law, Dashpot):
+                numbers = 0.0, float(law.coefficient), 1.0, 0.0
+            elif isinstance(law, PowerLaw):
                 c = float(law.force / law.velocity) if law.exponent == 1 else 0.0  # if linear
-                numbers = 0.0, c, 1.0, c / k
+                numbers = 0.0, c, 1.0, c / float(rod.stiffness)
             else:
-                law = before_yield(law)
+                k, law = float(rod.stiffness), before_yield(law)
                 numbers = k, k * float(law.tau_x), float(law.order), float(law.tau_f)
             self._rods.append((np.outer(influence, influence), numbers))
 

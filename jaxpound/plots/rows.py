@@ -15,7 +15,7 @@ from matplotlib.path import Path
 
 from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
-from jaxpound.model.dampers import PowerLaw
+from jaxpound.model.dampers import Dashpot, PowerLaw
 from jaxpound.model.system import Link, Rod, Structures, in_si
 from jaxpound.model.topology import GROUND, Topology, floors, stacks, two_ends
 from jaxpound.plots import style as house
@@ -45,11 +45,12 @@ def row(
     """Buildings from left to right, with the numbers of their floors, storeys and links.
 
     Masses m stand in the floors, stiffnesses K in the storeys, slip forces μ, from slow to fast,
-    forces F of viscous dampers and gaps at rest ξ0 at the links, with the numbers of their series;
-    in SI units of ``Buildings``, else dimensionless. Dampers are green, also braces within a
-    building and dampers to the ground; pads are orange where contact has a law; an arrow is a gap,
-    to a wall where the other end is the ground. Bearings, a first storey of less than half of the
-    height of another, and walls as low as these stand in a pit. Tuned masses are narrower.
+    forces F or coefficients c of viscous dampers and gaps at rest ξ0 at the links, with the numbers
+    of their series; in SI units of ``Buildings``, else dimensionless. Dampers are green, also
+    braces within a building and dampers to the ground; pads are orange where contact has a law; an
+    arrow is a gap, to a wall where the other end is the ground. Bearings, a first storey of less
+    than half of the height of another, and walls as low as these stand in a pit. Tuned masses are
+    narrower.
 
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
@@ -206,6 +207,9 @@ def _numbers(k: int, link: Link, damper: Damper, write: Callable[[str, Any], str
         forces.append(f"to {write('force', link.friction + fast.increase)}")
     if damper and isinstance(damper[1].material, PowerLaw):
         forces.append(f"$F_{{{damper[0] + 1}}}$ = {write('force', damper[1].material.force)}")
+    if damper and isinstance(damper[1].material, Dashpot):
+        c = write("damping", damper[1].material.coefficient)
+        forces.append(f"$c_{{{damper[0] + 1}}}$ = {c}")
     if link.inerter:
         forces.append(f"$b_{{{k + 1}}}$ = {write('mass', link.inerter.inertance)}")
     words = [("\n".join(forces), COLOURS["damper"])] if forces else []

@@ -117,7 +117,7 @@ def unit_for(quantity: str, si: bool, peak: float) -> tuple[float, str]:
         return 1.0, f"${unit}$"
     if quantity == "mass":
         return 1e-3, "t"
-    if quantity in ("force", "energy", "stiffness"):
+    if quantity in ("force", "energy", "stiffness", "damping"):
         for factor, prefix in ((1e-6, "M"), (1e-3, "k")):
             if peak * factor >= 10:
                 return factor, prefix + unit

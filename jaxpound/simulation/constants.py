@@ -7,12 +7,14 @@ from itertools import chain, islice
 from typing import Any, Literal, NamedTuple
 
 import jax
+import jax.numpy as jnp
 
 from jaxpound._xla.plan import Plan, Work, choice
 from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
 from jaxpound.model.joint import Joint, groups, joints
 from jaxpound.model.system import System
 from jaxpound.simulation.contact.records import SLOTS, Contact
+from jaxpound.simulation.damping import Damping
 from jaxpound.simulation.joints.coupled import (
     Coupled,
     Group,
@@ -21,10 +23,10 @@ from jaxpound.simulation.joints.coupled import (
     may_need_flow,
 )
 from jaxpound.simulation.joints.friction import FrictionLaw
-from jaxpound.simulation.rods.law import RodLaw
+from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.rods.laws import law_of
 from jaxpound.simulation.scheme import Scheme
-from jaxpound.simulation.state import RunState
+from jaxpound.simulation.state import Now, RunState
 
 
 def has_flows(system: System) -> bool:
@@ -45,6 +47,7 @@ class StepConstants(NamedTuple):
     slots: int  # impacts recorded for each gap in one step
     starts_at_rest: bool
     plan: Plan
+    damping: Damping | None = None  # by pure dashpots
 
     @staticmethod
     def of(
@@ -71,12 +74,18 @@ class StepConstants(NamedTuple):
             else:
                 alone.append(joint_group(group, system, masses, influence))
         kinds: Any = (*alone, *all_coupled(shared, system, masses, influence))
+        if (damping := Damping.of(system, dt)) is not None:
+            mobile = system, masses, influence, damping.inverse
+            in_step = [joint_group(kind.of[0].joints, *mobile) for kind in alone]
+            in_step += all_coupled(shared, *mobile)
+            pairs = zip(kinds, in_step, strict=True)
+            kinds = tuple(kind._replace(with_dashpots=other) for kind, other in pairs)
         flows: Literal["never", "sometimes", "always"] = "sometimes" if shared else "never"
         if any(link.velocity_friction for link in system.links):
             flows = "always"
         plan = choice()(Work(len(rods), _length_of(rods), flows, keep))
         slots = SLOTS if keep else 0
-        numbers: Any = scheme.friction, dt, slots, x is None, plan
+        numbers: Any = scheme.friction, dt, slots, x is None, plan, damping
         return StepConstants(masses, influence, rods, rod_ends, kinds, *numbers)
 
     def start(
@@ -88,7 +97,8 @@ class StepConstants(NamedTuple):
             law.start(along(ends, x), self.dt * along(ends, v))
             for law, ends in zip(self.rods, self.rod_ends, strict=True)
         )
-        return RunState(x, v, rods, tuple(kind.start(zero, x, v) for kind in self.joints))
+        owed = None if self.damping is None else zero + 0 * self.damping.influence
+        return RunState(x, v, rods, tuple(kind.start(zero, x, v) for kind in self.joints), owed)
 
     def free_accelerations(self, forces: Sequence[jax.Array]) -> list[Any]:
         """Accelerations −M⁻¹ Bᵀ f of the masses by the forces f of the rods alone."""
@@ -97,11 +107,38 @@ class StepConstants(NamedTuple):
             load_on(number, self.rod_ends, forces) / mass for number, mass in enumerate(self.masses)
         ]
 
-    def follow(self, y: Sequence[Any], closings: Sequence[Any]) -> tuple[Any, ...]:
-        """Motions y of masses that follow those s of joints: y + S (s − C y), S = M⁻¹ Cᵀ G⁻¹."""
+    def accelerations(
+        self, rods: Sequence[RodStep], v: Sequence[Any], owed: Any, now: Now, drag: Any = None
+    ) -> tuple[list[Any], Any]:
+        """Mean accelerations in a step by the rods alone, and u'' if they are without the ground's.
+
+        ``v`` are velocities before it; dashpots owe accelerations and may ``drag``.
+        """
+        forces = [rod.kick for rod in rods]
+        if (damping := self.damping) is None:
+            return self.free_accelerations(forces), now.mean_ground
+        loads = [load_on(mass, self.rod_ends, forces) for mass in range(len(self.masses))]
+        return [*damping.accelerations(loads, v, now.mean_ground, owed, drag)], None
+
+    def follow(
+        self, y: Sequence[Any], closings: Sequence[Any], flows: Sequence[Any] = ()
+    ) -> tuple[Any, ...]:
+        """Motions y of masses that follow those s of joints: y + S (s − C y), S = M⁻¹ Cᵀ G⁻¹.
+
+        In a step with dashpots joints without a flow have the mean mobility P for M⁻¹.
+        """
         moved = list(y)
-        for kind, closing in zip(self.joints, closings, strict=True):
-            kind.follow(moved, closing - kind.along(moved))
+        each = zip(self.joints, closings, flows or [None] * len(closings), strict=True)
+        for kind, closing, flow in each:
+            missing = closing - kind.along(moved)
+            if kind.with_dashpots is None:
+                kind.follow(moved, missing)
+            elif flow is None:
+                kind.in_step.follow(moved, missing)
+            else:
+                used = jnp.expand_dims(flow.used, -1)
+                kind.follow(moved, jnp.where(used, missing, 0.0))
+                kind.in_step.follow(moved, jnp.where(used, 0.0, missing))
         return tuple(moved)
 
     @property

@@ -22,6 +22,8 @@ from jaxpound.model.joint import groups, joints
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Structures, System, in_si
 from jaxpound.model.topology import Topology, WeightedMasses, rod_groups, storey_rods
+from jaxpound.simulation.damping import Damping
+from jaxpound.simulation.joints.coupled import may_need_flow
 from jaxpound.simulation.joints.friction import EventResolved, FrictionLaw, Switching
 from jaxpound.simulation.rods.zener import nyquist_stiffness
 from jaxpound.simulation.time.history import FullHistory, HistorySum, ModalHistory
@@ -124,7 +126,8 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     if is_traced(system):
         raise InvalidInput("structures", "", "must be known, not traced")
     concrete = jax.tree.map(np.asarray, system)
-    at_rest = _largest_eigenvalue(concrete, [rod.stiffness for rod in concrete.rods])
+    soft = [0.0 if rod.stiffness is None else rod.stiffness for rod in concrete.rods]
+    at_rest = _largest_eigenvalue(concrete, soft)
     low, high = 0.0, 2 / float(np.max(at_rest)) ** 0.5  # a rod is never softer than at rest
     for _ in range(60):
         middle = (low + high) / 2
@@ -162,7 +165,7 @@ def imprecise(system: System, grid: TimeGrid, numbers: Any) -> list[str]:
 
     ``numbers`` are all others of a run.
     """
-    findings = _unresolved(system, grid.dt)
+    findings = _unresolved(system, grid.dt) + _overdamped(system, grid.dt)
     dtype = jnp.result_type(float, *jax.tree.leaves((system, numbers)))
     if dtype != jnp.float64 and any(link.contact is not None for link in system.links):
         rule = "forces are off by up to 1e-4 of themselves and impacts may be missed"
@@ -193,6 +196,31 @@ def _unresolved(system: System, dt: float) -> list[str]:
                 f"lags by half a step, an error of first order in dt like {lag:.2%} less mass; "
                 f"take dt, or the stiffness of the brace, {steps / _RESOLVED:.3g} times smaller"
             ]
+    return []
+
+
+_STRONG = 0.2  # c dt/2 over the mass from which flows are inexact
+
+
+def _overdamped(system: System, dt: float) -> list[str]:
+    """A finding for the first link with a local flow beside dashpots too strong for the step.
+
+    The flow knows nothing of what dashpots do within it, which is added to its end.
+    """
+    damping = Damping.of(system, dt) if is_known_and_single(system) else None
+    if damping is None:
+        return []
+    for group in groups(joints(system)):
+        for joint in group if may_need_flow(group, system) else ():
+            row = np.asarray(along(joint.ends, [*np.eye(len(system.masses))]))
+            share = float(mobility(joint.ends, system.masses) / (row @ damping.inverse @ row)) - 1
+            if share > _STRONG:
+                return [
+                    f"link {link_places(system.topology)[joint.link]}: dt c/m is {2 * share:.3g}, "
+                    f"with c of the dashpots and m of the masses at its ends, and should be at "
+                    f"most {2 * _STRONG:g} where links touch or share masses: friction and contact "
+                    f"are inexact else; take dt {share / _STRONG:.3g} times smaller"
+                ]
     return []
 
 
@@ -291,7 +319,9 @@ def _part(topology: Topology, rod: int) -> str:
 def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:
     """The stiffness of each rod at the highest frequency that steps resolve."""
     return [
-        nyquist_stiffness(before_yield(rod.material), rod.stiffness, dt, scheme.order)
+        0.0
+        if rod.stiffness is None
+        else nyquist_stiffness(before_yield(rod.material), rod.stiffness, dt, scheme.order)
         for rod in system.rods
     ]
 
@@ -302,7 +332,7 @@ def _largest_eigenvalue(system: System, stiffness: list[Any]) -> Any:
     for mass, matrix in _scaled_matrices(system, stiffness, np):
         root = np.linalg.inv(np.linalg.cholesky(mass))
         largest.append(np.linalg.eigvalsh(root @ matrix @ np.swapaxes(root, -1, -2))[..., -1])
-    return np.max(largest, axis=0)
+    return np.max(np.broadcast_arrays(*largest), axis=0)
 
 
 def _scaled_matrices(system: System, stiffness: list[Any], xp: Any) -> list[tuple[Any, Any]]:

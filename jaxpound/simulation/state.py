@@ -47,6 +47,7 @@ class RunState(NamedTuple):
     v: tuple[jax.Array, ...]
     rods: tuple[Any, ...]
     joints: tuple[JointState, ...]
+    owed: Any = None  # accelerations by mass that dashpots owe from the step before
 
 
 class Moved(NamedTuple):

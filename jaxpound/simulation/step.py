@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._xla.alike import map_alike
-from jaxpound.model.ends import along
+from jaxpound.model.ends import along, less_ground
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.state import Instant, JointState, Moved, Now, RunState, SeenGroup
@@ -37,36 +37,51 @@ def one_step(
 
     # The rods at t_m, and the pull on the joints, A = C (a − ι u'') with a = −M⁻¹ Bᵀ f.
     rods = rods_at(system, before, sums, now, range(len(system.rods)), before.x)
-    free = system.free_accelerations([rod.kick for rod in rods])
-    pulls = [kind.pull(free, now.mean_ground) for kind in system.joints]
+    free, ground = system.accelerations(rods, before.v, before.owed, now)
+    pulls = [kind.in_step.pull(free, ground) for kind in system.joints]
 
     # The joints from t_m − h/2 to t_m + h/2, s'' = A − G (q + p) with G = C M⁻¹ Cᵀ. The rods take
     # the mean sample of a path that flows have kinked, which changes the pull.
     flows: list[Any] = [None] * len(pulls)
+    drag = None
     if with_flows:
         joints = zip(system.joints, before.joints, pulls, strict=True)
         flows = [kind.flow(y, pull, now, h, system.slots) for kind, y, pull in joints]
     if any(flow is not None for flow in flows):
         rods = with_mean_samples(system, before, sums, now, rods, flows)
-        free = system.free_accelerations([rod.kick for rod in rods])
-        pulls = [kind.pull(free, now.mean_ground) for kind in system.joints]
+        if system.damping is not None:
+            drag = system.damping.drag(system.joints, before.joints, flows, now)
+        free, ground = system.accelerations(rods, before.v, before.owed, now, drag)
+        pulls = [kind.in_step.pull(free, ground) for kind in system.joints]
     moved = [
         with_start(system, y, kind.after(y, flow, pull, now, system.friction, h), now)
         for kind, y, flow, pull in zip(system.joints, before.joints, flows, pulls, strict=True)
     ]
 
     # Kick and drift of the masses, which follow their joints: v + S (w − C v), S = M⁻¹ Cᵀ G⁻¹.
-    a = [a - iota * now.mean_ground for a, iota in zip(free, system.influence, strict=True)]
+    a = [less_ground(a, iota, ground) for a, iota in zip(free, system.influence, strict=True)]
     kicked = [v + now.kick * h * a for v, a in zip(before.v, a, strict=True)]
     for kind, y in zip(system.joints, moved, strict=True):
         if y.stop is not None:
             kind.stop(kicked, y.stop)
-    v = system.follow(kicked, [y.state.velocity for y in moved])
+    v = system.follow(kicked, [y.state.velocity for y in moved], flows)
     drifted = [x + h * v for x, v in zip(before.x, v, strict=True)]
-    x = system.follow(drifted, [y.state.closing for y in moved])
+    owed = None
+    if system.damping is not None:
+        owed = system.damping.owed(system.joints, moved)
+    if drag is not None:  # as dashpots drag masses and joints; the pull is that after all jumps
+        jumped = [v - now.kick * h * a for v, a in zip(v, a, strict=True)]
+        free, ground = system.accelerations(rods, jumped, before.owed, now)
+        dragged = drag.position + h**2 / 8 * drag.end
+        drifted = [x + y for x, y in zip(drifted, dragged, strict=True)]
+        moved = [
+            kind.dragged(y, flow, kind.in_step.pull(free, ground), drag, h)
+            for kind, y, flow in zip(system.joints, moved, flows, strict=True)
+        ]
+    x = system.follow(drifted, [y.state.closing for y in moved], flows)
 
     rod_states, joint_states = tuple(rod.state for rod in rods), tuple(y.state for y in moved)
-    after = RunState(x, v, rod_states, joint_states)
+    after = RunState(x, v, rod_states, joint_states, owed)
     remembered = [rod.remembered for rod in rods if rod.remembered is not None]
     needs_flow = None
     if not with_flows:
@@ -144,12 +159,17 @@ def observed(
     needs_flow: jax.Array | None,
 ) -> Instant:
     """The instant t_m: its velocities are the mean of those half a step before and after it."""
-    x, forces = before.x, tuple(rod.force for rod in rods)
+    x = before.x
     if any(flow is not None for flow in flows):
         x = system.follow(x, [y.now for y in moved])
     mean = [(v + w) / 2 for v, w in zip(before.v, after.v, strict=True)]
     v = system.follow(mean, [y.velocity_now for y in moved])
     v = tuple(jnp.where(now.is_first, a, b) for a, b in zip(before.v, v, strict=True))
+    at_rates = [*rods]
+    for number, (law, ends) in enumerate(zip(system.rods, system.rod_ends, strict=True)):
+        if law.viscosity is not None:
+            at_rates[number] = rods[number]._replace(force=law.viscosity * along(ends, v))
+    forces = tuple(rod.force for rod in at_rates)
     free, groups = system.free_accelerations(forces), list[SeenGroup]()
     for kind, y, flow in zip(system.joints, moved, flows, strict=True):
         groups += kind.seen(y, flow, partial(kind.inertia, free, now.ground))
@@ -159,7 +179,7 @@ def observed(
         ground=now.ground,
         x=x,
         v=v,
-        rods=tuple(rods),
+        rods=tuple(at_rates),
         groups=tuple(groups),
         links=tuple(links[k] for k in sorted(links)),
         needs_flow=needs_flow,

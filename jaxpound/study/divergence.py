@@ -80,7 +80,7 @@ def perturbation_growth(
     >>> grid = jp.TimeGrid.until(8.0, dt=0.05)
     >>> def end(gap):  # under jit only what it needs is compiled
     ...     structures = replace(jp.paper.structures(), initial_gap=gap, contact=jp.Newton(0.65))
-    ...     return jp.perturbation_growth(structures, jp.paper.ground(), grid).end
+    ...     return jp.study.perturbation_growth(structures, jp.paper.ground(), grid).end
     >>> round(float(jax.jit(end)(0.3)), 2)
     1.49
     """

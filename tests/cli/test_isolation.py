@@ -121,6 +121,14 @@ def test_a_file_is_the_library_s_buildings_and_is_written_back(form):
     assert [link.side for link in again.links] == [link.side for link in links]
 
 
+def test_a_dashpot_is_written_back():
+    damper = jp.Rod(jp.Dashpot(3e5))
+    written = as_toml(jp.Buildings((FRAME, FRAME), (jp.FloorLink(0, 1, damper=damper, gap=0.1),)))
+    assert 'damper = {law = "dashpot", coefficient = 300000' in written.replace("3e5", "300000")
+    (link,) = layout_of(written).buildings.links
+    assert (repr(link.damper), link.gap) == (repr(damper), 0.1)
+
+
 def test_a_damper_to_the_ground_is_written_as_one_and_inertance_may_have_a_budget():
     ground = jp.FloorLink(0, 1, jp.GROUND, friction=2e4)
     written = as_toml(jp.Buildings((FRAME, FRAME), (ground,)))
@@ -208,7 +216,15 @@ test_links = refusals(
     (f"{POWER}, exponent = 0}}", "damper exponent = 0 must be in .0, 1"),
     (f"{POWER}, exponent = 1.5}}", "damper exponent = 1.5 must be from 0 to 1"),
     (f"{POWER}}}", "damper lacks the key 'exponent', which law = \"power\" needs"),
-    (POWER.replace("r'", "s'") + "}", 'damper law = "powes" must be one of "power", "zener"; did'),
+    (POWER.replace("r'", "s'") + "}", 'damper law = "powes" must be one of "dashpot", "power", "z'),
+    (
+        "damper = {law = 'dashpot'}",
+        "damper lacks the key 'coefficient', which law = .dashpot. needs",
+    ),
+    (
+        "damper = {law = 'dashpot', coefficient = 1, stiffness = 1}",
+        "damper stiffness must not be given with law = .dashpot.",
+    ),
     ("damper = {law = 'power', force = 1, exponent = 1}", "damper lacks the key 'stiffness'"),
     ("inerter = {}", "inerter lacks the key 'inertance'"),
     ("inerter = {inertance = -1}", "inerter inertance = -1 kg must be between 0 and 1e.12"),
@@ -330,11 +346,17 @@ def test_a_run_says_and_draws_what_bearings_walls_and_dampers_do(pulse, tmp_path
     assert height < 2 * width  # bearings are no storey of which all others are multiples
 
 
-def test_modes_of_a_building_count_the_dampers_between_it_and_the_ground(pulse, tmp_path):
+DAMPERS = (
+    'damper = {law = "power", force = 6e4, exponent = 1.0, stiffness = 1e7}',
+    'damper = {law = "dashpot", coefficient = 6e4}',
+)
+
+
+@pytest.mark.parametrize("damper", DAMPERS)
+def test_modes_of_a_building_count_the_dampers_between_it_and_the_ground(damper, pulse, tmp_path):
     """Not those to its neighbour."""
     rod = "order = 1.0, tau_f = 1e-6, tau_x = 1e-6"
     storey = f"storeys = {{masses = [1e5], stiffnesses = 4e6, {rod}}}"
-    damper = 'damper = {law = "power", force = 6e4, exponent = 1.0, stiffness = 1e7}'
     links = "".join(
         f"[[link]]\nbuilding = {building}\nfloor = 1\n{other}{damper}\n"
         for building, other in ((1, ""), (2, 'next_building = "ground"\n'))

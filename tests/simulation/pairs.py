@@ -59,7 +59,7 @@ def pair(masses, materials, stiffnesses, **link):
 
 
 POWERS = dict.fromkeys(("stiffness", "friction", "force", "increase"), 2)
-POWERS |= {"velocity": 1, "velocities": 1, "periods": -1, "arrivals": -1}
+POWERS |= {"coefficient": 1, "velocity": 1, "velocities": 1, "periods": -1, "arrivals": -1}
 """Of the unit of time in numbers by their names; others have none, but for relaxation times."""
 
 
@@ -101,14 +101,14 @@ def _displacements(unit, case, grid, scheme):
 
 
 def growth(systems, grounds):
-    """``jp.perturbation_growth`` over ``GRID``, one by one: a batch costs more to compile."""
+    """``jp.study.perturbation_growth`` over ``GRID``, one by one: a batch costs more to compile."""
     cases = zip(systems, map(padded, grounds), strict=True)
     each = [_growth(*jax.tree.map(lambda x: jnp.asarray(x, float), case)) for case in cases]
     return jax.tree.map(lambda *x: np.stack(x), *each)
 
 
 _run = jax.jit(jax.vmap(lambda system, ground: jp.simulate(system, ground, GRID)))
-_growth = jax.jit(lambda system, ground: jp.perturbation_growth(system, ground, GRID))
+_growth = jax.jit(lambda system, ground: jp.study.perturbation_growth(system, ground, GRID))
 
 
 def run(systems, grounds):

@@ -129,7 +129,7 @@ STUDIES = {
     "subset_simulation": lambda s: jp.subset_simulation(drawn(s), GRID, **DISPLACEMENT),
     "design_damper": designed,
     "elasticities": lambda s: jp.elasticities(s, RECORD, GRID),
-    "perturbation_growth": lambda s: jp.perturbation_growth(s, RECORD, GRID),
+    "perturbation_growth": lambda s: jp.study.perturbation_growth(s, RECORD, GRID),
     "simulate": lambda s: jp.simulate(s, RECORD, GRID),
 }
 

@@ -117,7 +117,7 @@ def test_of_several_links_it_is_the_largest_singular_value_in_si_too():
     by_gap = [np.subtract(*pair) / (2 * step) for pair in ends]
     largest = np.linalg.svd(np.stack(by_gap, -1), compute_uv=False)[0]
     assert np.linalg.norm(by_gap, axis=1).min() > 1e-3 * largest > 0  # both gaps close
-    growth_end = jax.jit(lambda row: jp.perturbation_growth(row, RECORD, grid).end)
+    growth_end = jax.jit(lambda row: jp.study.perturbation_growth(row, RECORD, grid).end)
     assert float(growth_end(ROW)) == pytest.approx(largest, rel=1e-5)
 
 
@@ -125,10 +125,10 @@ def test_what_cannot_grow_is_refused():
     ground, pair = jp.paper.ground(), jp.paper.structures()
     refused(
         "perturbation_growth: structures must have a link with a law of",
-        jp.perturbation_growth,
+        jp.study.perturbation_growth,
         pair,
         ground,
         GRID,
     )
-    refused("stability limit", jp.perturbation_growth, ROW, RECORD, jp.TimeGrid(2.0, 10))
+    refused("stability limit", jp.study.perturbation_growth, ROW, RECORD, jp.TimeGrid(2.0, 10))
     refused("horizon: uncertainty = 0", jp.study.PerturbationGrowth(*jnp.ones((3, 4))).horizon, 0.0)

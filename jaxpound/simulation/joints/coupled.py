@@ -57,6 +57,12 @@ class Coupled(NamedTuple):
     of: tuple[Group, ...]
     coupling: Coupling
     inerters: Inerters | None
+    with_dashpots: Coupled | None = None  # with the mean mobility P of a step for M⁻¹
+
+    @property
+    def in_step(self) -> Coupled:
+        """The groups as they move in a step without flow, with all dashpots."""
+        return self.with_dashpots or self
 
     def _map(self, function: Callable[..., Any], *values: Any) -> Any:
         """A function of the numbers of one group, applied to each group."""
@@ -128,6 +134,29 @@ class Coupled(NamedTuple):
         for mass, share in self.of[0].shares.items():  # as a weight may be 0
             v[mass] = v[mass] + share * change
 
+    def deviation(self, before: JointState, flow: Flow, now: Now, h: float) -> Any:
+        """How the joints have deviated from smooth motion in a flow."""
+        of_group = partial(functions.deviation, now=now, h=h)
+        return self._map(of_group, before, flow)
+
+    def dragged(self, moved: Moved, flow: Flow | None, pull: Any, drag: Any, h: float) -> Moved:
+        """Joints after a step, of which dashpots ``drag`` those with a flow; see ``group``."""
+        if flow is None:
+            return moved
+        drags = [self.along(y) for y in (drag.mean, drag.position, drag.end)]
+        of_group = partial(functions.dragged, h=h)
+        result: Moved = self._map(of_group, self.coupling, flow, moved, pull, *drags)
+        return result
+
+    def kink(self, moved: Moved, h: float) -> Any:
+        """Mean velocity in a step without flow less the mean of both ends, as forces jumped."""
+        share, (first, last) = moved.turns.farthest_time / h + 0.5, moved.turn_forces
+        mobility = self.coupling.delassus
+        if jnp.ndim(mobility):
+            mobility = jnp.diagonal(mobility, axis1=-2, axis2=-1)
+        kink = mobility * (last - first) * share * (1 - share) * h / 2
+        return jnp.where(moved.turns.exist > 0, kink, 0.0)
+
     def flow(
         self, before: JointState, pull: jax.Array, now: Now, h: float, slots: int
     ) -> Flow | None:
@@ -135,7 +164,7 @@ class Coupled(NamedTuple):
         if not self.coupling.may_need_flow:
             return None
         follow = partial(functions.followed, now=now, h=h, slots=slots)
-        moved: Flow = self._map(follow, self.coupling, before, pull)
+        moved: Flow = self._map(follow, self.coupling, self.in_step.coupling, before, pull)
         return moved
 
     def needs_flow(self, before: JointState, pull: jax.Array, now: Now, h: float) -> jax.Array:
@@ -143,7 +172,7 @@ class Coupled(NamedTuple):
         if not self.coupling.may_need_flow:
             return jnp.zeros((), bool)
         needed = partial(functions.is_flow_needed, now=now, h=h)
-        return jnp.ravel(self._map(needed, self.coupling, before, pull)).any()
+        return jnp.ravel(self._map(needed, self.in_step.coupling, before, pull)).any()
 
     def after(
         self,
@@ -156,7 +185,7 @@ class Coupled(NamedTuple):
     ) -> Moved:
         """The joints after a step."""
         step = partial(functions.without_flow, now=now, law=law, h=h)
-        moved: Moved = self._map(step, self.coupling, before, pull)
+        moved: Moved = self._map(step, self.in_step.coupling, before, pull)
         if flow is not None:
             step = partial(functions.after_flow, h=h)
             moved = self._map(step, self.coupling, before, flow, moved, pull)
@@ -256,9 +285,10 @@ def all_coupled(
     system: System,
     masses: Sequence[jax.Array],
     influence: Sequence[Any],
+    mobility: jax.Array | None = None,
 ) -> list[Coupled]:
     """The constants of groups of joints, those together whose numbers have the same shapes."""
-    alone = [joint_group(joints, system, masses, influence) for joints in groups]
+    alone = [joint_group(joints, system, masses, influence, mobility) for joints in groups]
     together = []
     for numbers in by_kind([kind[1:] for kind in alone]):
         same = [alone[n] for n in numbers]
@@ -268,19 +298,28 @@ def all_coupled(
 
 
 def joint_group(
-    joints: Sequence[Joint], system: System, masses: Sequence[jax.Array], influence: Sequence[Any]
+    joints: Sequence[Joint],
+    system: System,
+    masses: Sequence[jax.Array],
+    influence: Sequence[Any],
+    mobility: jax.Array | None = None,
 ) -> Coupled:
-    """The constants of one group of joints of a system."""
+    """The constants of one group of joints of a system, with M⁻¹ or another ``mobility``."""
     links, dtype = [system.links[joint.link] for joint in joints], masses[0].dtype
     numbers = sorted({mass for joint in joints for mass, _ in joint.ends})
     weights = {
         mass: jnp.stack([jnp.asarray(dict(joint.ends).get(mass, 0.0), dtype) for joint in joints])
         for mass in numbers
     }
-    parts = [jnp.outer(row, row) / masses[mass] for mass, row in weights.items()]
-    delassus = sum(parts[1:], parts[0])
-    inverse = inverse_of(delassus)
-    shares = {mass: (row @ inverse) / masses[mass] for mass, row in weights.items()}
+    if mobility is None:
+        parts = [jnp.outer(row, row) / masses[mass] for mass, row in weights.items()]
+        delassus = sum(parts[1:], parts[0])
+        inverse = inverse_of(delassus)
+        shares = {mass: (row @ inverse) / masses[mass] for mass, row in weights.items()}
+    else:
+        moved = mobility[:, jnp.array(numbers)] @ jnp.stack([weights[mass] for mass in numbers])
+        delassus = jnp.stack([weights[mass] for mass in numbers]).T @ moved[jnp.array(numbers)]
+        shares = dict(enumerate(moved @ inverse_of(delassus)))
     has_inerter = tuple(link.inerter is not None for link in links)
     driven = tuple(along(joint.ends, influence) for joint in joints)
     inerters = None

@@ -49,6 +49,14 @@ def response(
     return forces.response(group.delassus, inverse, held, pull, prescribed)
 
 
+class Deviation(NamedTuple):
+    """By how much joints, (n,) each, exceed smooth motion under the pull alone in a flow."""
+
+    velocity: jax.Array  # in the mean over the step
+    closing: jax.Array  # in the mean over the step
+    end: jax.Array  # the velocity at its end
+
+
 class Flow(NamedTuple):
     """Joints after their local flow, (n,) each."""
 
@@ -150,10 +158,17 @@ def is_flow_needed(
 
 
 def followed(
-    group: Coupling, before: JointState, pull: jax.Array, *, now: Now, h: float, slots: int
+    group: Coupling,
+    in_step: Coupling,
+    before: JointState,
+    pull: jax.Array,
+    *,
+    now: Now,
+    h: float,
+    slots: int,
 ) -> Flow:
-    """A group after its local flow, which is run where it is needed."""
-    used = is_flow_needed(group, before, pull, now=now, h=h)
+    """A group after its local flow, which is run where it is needed, as it is ``in_step``."""
+    used = is_flow_needed(in_step, before, pull, now=now, h=h)
     rise = rise_of(before, pull, now)
     inputs = FlowInput(before.half, before.velocity, pull, rise, group, before.contact)
     begin = jnp.where(now.is_first, h / 2, 0.0).astype(before.velocity.dtype)
@@ -201,6 +216,47 @@ def after_flow(
         state=JointState(closing, velocity, phase, pull, half, result.contact),
     )
     return jax.tree.map(lambda a, b: jnp.where(flow.used, a, b), moved, without)
+
+
+def deviation(before: JointState, flow: Flow, *, now: Now, h: float) -> Deviation:
+    """How joints, (n,), have deviated from smooth motion in a flow."""
+    s, w, pull, rise = before.half, before.velocity, flow.pull, rise_of(before, flow.pull, now)
+    parts = Deviation(
+        (flow.result.closing - s) / h - w - h / 2 * pull + h / 12 * rise,
+        flow.result.mean - s - h / 2 * w - h**2 / 6 * pull + h**2 / 24 * rise,
+        flow.result.velocity - w - h * pull,
+    )
+    return jax.tree.map(lambda y: jnp.where(flow.used & ~now.is_first, y, 0.0), parts)
+
+
+def dragged(
+    group: Coupling,
+    flow: Flow,
+    moved: Moved,
+    pull: jax.Array,
+    mean: jax.Array,
+    position: jax.Array,
+    end: jax.Array,
+    *,
+    h: float,
+) -> Moved:
+    """Joints after a flow that dashpots drag, by accelerations and a change of position.
+
+    The ``mean`` acceleration is in the pull by which they have moved; ``pull`` is that of the next
+    step's beginning.
+    """
+    held = flow.result.held > 0
+    gains = [response(group, held, y, 0 * y)[0] for y in (mean, position, end)]
+    pressed = group.joints_where(flow.result.contact.mode == PRESSED)
+    half = gains[1] + jnp.where(pressed, h**2 / 2 * gains[0], 0.0)
+    half = jnp.where(flow.used, half, 0.0)
+    later = jnp.where(flow.used, h**2 / 8 * (gains[2] - gains[0]), 0.0)
+    state = moved.state._replace(
+        closing=moved.state.closing + half + later,
+        half=moved.state.half + half,
+        pull=jnp.where(flow.used, pull, moved.state.pull),
+    )
+    return moved._replace(state=state)
 
 
 def _is_undisturbed(

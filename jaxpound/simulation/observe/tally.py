@@ -49,13 +49,11 @@ class _Observed(NamedTuple):
         """The displacement of a mass or elongation of a rod; impacts are kinks of the path."""
         now = self.now
         position, speed = along(ends, now.x), along(ends, now.v)
-        kinks, reached = list[jax.Array](), list[jax.Array]()
+        reached = list[jax.Array]()
         for group in self.system.groups:
             if not {*group.shares} & {*dict(ends)}:
                 continue
             links = [[link for link, _ in joint.faces] for joint in group.joints]
-            tallied = (self.links[k].contact for of_joint in links for k in of_joint)
-            kinks += [contact.is_kink for contact in tallied if contact is not None]
             for number, of_joint in enumerate(links):
                 steps = [step for k in of_joint if (step := now.links[k].gap) is not None]
                 if steps:
@@ -68,8 +66,15 @@ class _Observed(NamedTuple):
                     turned = position + late * (speed - share * link.velocity) + share * turn
                     met = sum(step.log.touched for step in steps) > 0
                     reached.append(jnp.where(met & link.turns.exist, turned, position))
-        smooth = self.smooth & ~jnp.stack(kinks).any() if kinks else self.smooth
-        return Sample(position, smooth, reached, self.terms(ends))
+        return Sample(position, self.without_impact(ends), reached, self.terms(ends))
+
+    def without_impact(self, ends: WeightedEnds) -> jax.Array:
+        """Whether no impact of masses at these ends is among the last three samples."""
+        groups = [group for group in self.system.groups if {*group.shares} & {*dict(ends)}]
+        links = [link for group in groups for joint in group.joints for link, _ in joint.faces]
+        kinks = [contact.is_kink for k in links if (contact := self.links[k].contact) is not None]
+        smooth: jax.Array = self.smooth & ~jnp.stack(kinks).any() if kinks else self.smooth
+        return smooth
 
     def terms(self, ends: WeightedEnds) -> jax.Array | None:
         """Size of the displacements whose difference may rest while a joint sticks; else None."""
@@ -83,6 +88,8 @@ class _Observed(NamedTuple):
         """A rod's force, which has kinks where it yields, by its number."""
         system, law, rod = self.system, self.system.rods[number], self.now.rods[number]
         smooth = self.smooth if rod.kinked is None else self.smooth & ~rod.kinked
+        if law.viscosity is not None:  # velocities jump at impacts
+            smooth = self.without_impact(system.rod_ends[number])
         forces, terms = [force for _, force in rod.reached], self.terms(system.rod_ends[number])
         terms = None if terms is None else law.modulus * terms
         return Sample(rod.force, smooth & (not law.peaks_at_kinks), forces, terms)

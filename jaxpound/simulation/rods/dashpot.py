@@ -1,8 +1,8 @@
-"""A dashpot with a power of the velocity, in series with a spring, over one step."""
+"""Dashpots over one step: linear ones, and those of a power of the velocity on a spring."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
@@ -28,7 +28,38 @@ class DashpotState(NamedTuple):
 
 @register_dataclass
 @dataclass(frozen=True)
-class Dashpot(RodLaw):
+class PureDashpot(RodLaw):
+    """A dashpot without a brace, whose force follows from the velocities alone."""
+
+    dt: float = field(metadata={"static": True})
+    viscosity: Any
+    modulus = 0.0
+
+    def start(self, elongation: jax.Array, change: jax.Array) -> tuple[Any, Any]:
+        """The elongation, and the energy that the dashpot has dissipated until then."""
+        return elongation, 0 * elongation
+
+    def step(
+        self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
+    ) -> RodStep:
+        """No force that the elongation makes; the energy by its mean rate since t_{m−1}."""
+        last, energy = before
+        return RodStep(
+            0.0, 0.0, (elongation, energy + self.viscosity * (elongation - last) ** 2 / self.dt)
+        )
+
+    def dissipated(self, state: Any) -> Any:
+        """Energy that the dashpot has dissipated."""
+        return state[1]
+
+    def scalars(self, end: Any, largest: jax.Array, last: jax.Array) -> dict[str, jax.Array]:
+        """The dissipated energy."""
+        return {"dissipated_energy": self.dissipated(end)}
+
+
+@register_dataclass
+@dataclass(frozen=True)
+class BracedDashpot(RodLaw):
     """A dashpot on a brace over steps of one length; lengths stand for forces over K."""
 
     size: Any  # F over K
@@ -37,10 +68,10 @@ class Dashpot(RodLaw):
     modulus: Any  # K, of the brace
 
     @staticmethod
-    def of(material: PowerLaw, modulus: Any, dt: float) -> Dashpot:
+    def of(material: PowerLaw, modulus: Any, dt: float) -> BracedDashpot:
         """The damper over steps of ``dt``."""
         size, power = material.force / modulus, 1 / material.exponent
-        return Dashpot(size, power, material.velocity * dt, modulus)
+        return BracedDashpot(size, power, material.velocity * dt, modulus)
 
     def start(self, elongation: jax.Array, change: jax.Array) -> DashpotState:
         """The state of a rod at rest, without a force."""
@@ -99,7 +130,7 @@ class Dashpot(RodLaw):
         alone = (size / (share * fixed.way)) ** (1 / fixed.power)  # over F
         force = smaller(size, jnp.where(none, 1.0, fixed.size) * alone)
 
-        def nearer(law: Dashpot, force: Any, whole: Any) -> Any:
+        def nearer(law: BracedDashpot, force: Any, whole: Any) -> Any:
             """A step of Newton's method; its slope is not differentiated."""
             ratio = fixed._slid(force) / jnp.where(force == 0, 1.0, force)
             excess = force + share * law._slid(force) - whole

@@ -22,13 +22,16 @@ class RodLaw:
     """The law of a rod over one step, a pytree.
 
     ``modulus`` is its stiffness K. ``order`` is that of the derivative of c whose history the rod
-    remembers; None of a rod without a history. ``yield_displacement`` is the elongation where it
-    yields first; None of a rod that never does. ``is_long`` says that a step has many operations,
-    ``peaks_at_kinks`` that the force peaks nowhere but where ``RodStep.reached`` has it.
+    remembers; None of a rod without a history. ``viscosity`` is c of a dashpot, whose force c e'
+    follows from the velocities (``simulation.damping``); else None. ``yield_displacement`` is the
+    elongation where it yields first; None of a rod that never does. ``is_long`` says that a step
+    has many operations, ``peaks_at_kinks`` that the force peaks nowhere but where
+    ``RodStep.reached`` has it.
     """
 
     modulus: Any
     order: Any = None
+    viscosity: Any = None
     yield_displacement: Any = None
     is_long = False
     peaks_at_kinks: ClassVar[bool] = False

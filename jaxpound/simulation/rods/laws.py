@@ -8,10 +8,10 @@ from typing import Any
 import jax
 from jax.tree_util import register_dataclass
 
-from jaxpound.model.dampers import PowerLaw
+from jaxpound.model.dampers import Dashpot, PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
 from jaxpound.model.system import Rod
-from jaxpound.simulation.rods.dashpot import Dashpot
+from jaxpound.simulation.rods.dashpot import BracedDashpot, PureDashpot
 from jaxpound.simulation.rods.law import RodLaw, RodStep
 from jaxpound.simulation.rods.yielding import Hysteretic
 from jaxpound.simulation.rods.zener import Zener
@@ -24,8 +24,10 @@ def law_of(rod: Rod, dt: float, order: int, relaxed_at: Any = None) -> RodLaw:
     place of its spring.
     """
     material, stiffness = rod.material, rod.stiffness
+    if isinstance(material, Dashpot):
+        return PureDashpot(dt, material.coefficient)
     if isinstance(material, PowerLaw):
-        return Dashpot.of(material, stiffness, dt)
+        return BracedDashpot.of(material, stiffness, dt)
     zener, law = zener_of(material), hysteresis_of(material)
     if zener is None:
         return Hysteretic(law, stiffness)

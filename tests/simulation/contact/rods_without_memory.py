@@ -32,6 +32,11 @@ class Spring(NamedTuple):
     ends: Ends
 
 
+class Dashpot(NamedTuple):
+    coefficient: float
+    ends: Ends
+
+
 class Slider(NamedTuple):
     friction: float
     ends: Ends
@@ -59,6 +64,7 @@ class Frame(NamedTuple):
     links: tuple[Slider, ...] = ()
     faces: tuple[Face, ...] = ()
     influence: tuple[float, ...] | None = None
+    dashpots: tuple[Dashpot, ...] = ()
 
 
 def between(i: int, j: int) -> Ends:
@@ -114,6 +120,9 @@ class Run:
         self.k, self.tau_f, self.tau_x = np.array([rod[:3] for rod in frame.rods]).T
         self.friction = np.array([link.friction for link in frame.links], float)
         self.rods, self.b = rows(frame.rods, n), rows(frame.links, n)
+        of_dashpots = rows(frame.dashpots, n)
+        coefficients = np.array([dashpot.coefficient for dashpot in frame.dashpots])
+        self.damping = of_dashpots.T * coefficients @ of_dashpots
         self.g = self.b / self.m @ self.b.T
         x, v = np.zeros((2, n)) if start is None else np.array(start, float)
         self.t, self.state = 0.0, np.concatenate([x, v, self.k * (self.rods @ x)])
@@ -154,7 +163,8 @@ class Run:
 
     def free(self, t, state):
         """Accelerations without the forces of links."""
-        return -(state[2 * self.n :] @ self.rods) / self.m - self.iota * self.ground(t)
+        _, v, f = np.split(state, [self.n, 2 * self.n])
+        return -(f @ self.rods + self.damping @ v) / self.m - self.iota * self.ground(t)
 
     def forces(self, t, state):
         """Accelerations, and by link all of its forces, and those of contact laws."""

@@ -1,0 +1,113 @@
+r"""Pure dashpots, whose forces −D x' a step takes at the mean of its velocities.
+
+    (M + h/2 D) v⁺ = (M − h/2 D) v⁻ + h (loads − Cᵀ (q + p)),    D = Σ c b bᵀ,    P = (M + h/2 D)⁻¹
+
+The left side is constant, so that steps are stable however strong a dashpot is. Joints have the
+mobility C P Cᵀ in the place of C M⁻¹ Cᵀ, but in a local flow, within which dashpots have not acted.
+
+The mean velocity of a step is the mean of those at its ends unless forces of joints jump within it.
+Where slip stops or turns, the dashpots owe what they miss by it, and pay it in the next step. A
+local flow takes the joints to the end of the step without what dashpots do against their jumps:
+this follows from the mean velocity and the mean closing of the flow, and is added to its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxpound.model.dampers import Dashpot
+from jaxpound.model.ends import along, weighted
+from jaxpound.model.system import System
+from jaxpound.simulation.contact.forces import inverse_of
+from jaxpound.simulation.joints.coupled import Coupled
+from jaxpound.simulation.joints.group import Flow
+from jaxpound.simulation.state import JointState, Moved, Now
+
+
+class Drag(NamedTuple):
+    """What dashpots do within a step against jumps of velocities in its flows, by mass, (n,)."""
+
+    velocity: jax.Array  # by which the mean velocity of the step exceeds that of smooth motion
+    mean: jax.Array  # acceleration by it, in the mean over the step
+    position: jax.Array  # change of position by it, less that of the mean acceleration
+    end: jax.Array  # acceleration by it at the step's end
+
+
+class Damping(NamedTuple):
+    """Dashpots of a system over steps of one length."""
+
+    matrix: jax.Array  # D, (n, n)
+    inverse: jax.Array  # P
+    influence: jax.Array  # P M ι
+    h: float
+
+    @staticmethod
+    def of(system: System, h: float) -> Damping | None:
+        """Those of a system; None without dashpots."""
+        dashpots = [rod for rod in system.rods if isinstance(rod.material, Dashpot)]
+        if not dashpots:
+            return None
+        masses = jnp.stack(system.masses)
+        unit_motions = [*jnp.eye(masses.size, dtype=masses.dtype)]
+        matrix = jnp.zeros((masses.size, masses.size), masses.dtype)
+        for rod in dashpots:
+            row = along(weighted(rod), unit_motions)
+            matrix += rod.material.coefficient * jnp.outer(row, row)
+        inverse = inverse_of(jnp.diag(masses) + h / 2 * matrix)
+        influence = inverse @ (masses * jnp.asarray(system.influences, masses.dtype))
+        return Damping(matrix, inverse, influence, h)
+
+    def accelerations(
+        self, loads: Sequence[Any], v: Sequence[Any], ground: Any, owed: Any, drag: Drag | None
+    ) -> jax.Array:
+        """Mean accelerations P (loads − D v − M ι u'') of a step before which masses move with v.
+
+        With those that are ``owed`` from the step before.
+        """
+        start = array_of(v) if drag is None else array_of(v) + drag.velocity
+        free = self.inverse @ (array_of(loads) - self.matrix @ start)
+        return free - self.influence * ground + owed
+
+    def at_rest(self) -> list[Any]:
+        """A zero for each mass."""
+        return [0.0 * self.influence[0]] * len(self.influence)
+
+    def against(self, y: jax.Array) -> jax.Array:
+        """Accelerations −P D y by which dashpots oppose velocities y."""
+        return -self.inverse @ (self.matrix @ y)
+
+    def drag(
+        self,
+        kinds: Sequence[Coupled],
+        before: Sequence[JointState],
+        flows: Sequence[Flow | None],
+        now: Now,
+    ) -> Drag:
+        """Of the flows of a step, by how their joints deviate from smooth motion."""
+        h, (velocity, position, end) = self.h, (self.at_rest(), self.at_rest(), self.at_rest())
+        for kind, state, flow in zip(kinds, before, flows, strict=True):
+            if flow is not None:
+                deviation = kind.deviation(state, flow, now, h)
+                kind.follow(velocity, deviation.velocity)
+                kind.follow(position, deviation.closing)
+                kind.follow(end, deviation.end)
+        path = array_of(position)
+        speed = array_of(velocity) + self.against(path)
+        shift = h * self.against(path - h / 2 * speed)
+        return Drag(speed, self.against(speed), shift, self.against(array_of(end)))
+
+    def owed(self, kinds: Sequence[Coupled], moved: Sequence[Moved]) -> jax.Array:
+        """Accelerations that dashpots owe as slip has stopped or turned within the step."""
+        missed = self.at_rest()
+        for kind, joints in zip(kinds, moved, strict=True):
+            kind.in_step.follow(missed, kind.in_step.kink(joints, self.h))
+        return self.against(array_of(missed))
+
+
+def array_of(y: Sequence[Any]) -> jax.Array:
+    """Numbers as an array; not by ``stack``, see ``Coupled``."""
+    return jnp.concatenate([jnp.expand_dims(jnp.asarray(x), 0) for x in y])
