@@ -312,7 +312,7 @@ def walk(tree: Any, kind: type, prefix: str = "") -> Iterator[tuple[str, Any, An
         for field in dataclasses.fields(obj):
             if isinstance(spec := field.metadata.get(_SPEC), kind):
                 value = None if isinstance(obj, type) else getattr(obj, field.name)
-                for name, entry in _entries(field, value):
+                for name, entry in _entries(field, value, isinstance(obj, type)):
                     yield path + name, spec, entry
 
 
@@ -355,12 +355,14 @@ def _objects(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
         yield prefix, tree
 
 
-def _entries(field: dataclasses.Field[Any], value: Any) -> list[tuple[str, Any]]:
+def _entries(
+    field: dataclasses.Field[Any], value: Any, of_class: bool = False
+) -> list[tuple[str, Any]]:
     """The value of a field by its name, or each entry of a tuple by ``name.index``.
 
-    An optional parameter that is None has none.
+    An optional parameter that is None has none, but that ``of_class``, without an object.
     """
-    if value is None and getattr(field.metadata.get(_SPEC), "optional", False):
+    if value is None and not of_class and getattr(field.metadata.get(_SPEC), "optional", False):
         return []
     if not field.metadata.get("each"):
         return [(field.name, value)]
