@@ -26,6 +26,15 @@ def stacked(trees: Sequence[Any]) -> Any:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
+def in_array(numbers: Sequence[Any]) -> jax.Array:
+    """Numbers as an array, (n,).
+
+    Not by ``stack``: a batch of it lies along its last axis, so that a step, whose state has other
+    axes than its result then, is traced and compiled twice.
+    """
+    return jnp.concatenate([jnp.expand_dims(x, 0) for x in numbers])
+
+
 def unstacked(tree: Any) -> list[Any]:
     """The pytrees of which one is ``stacked``."""
     leaves, structure = jax.tree.flatten(tree)

@@ -364,8 +364,8 @@ def _lists(series: Mapping[str, Sequence[Any]]) -> list[str]:
 
 def _law(law: Any) -> list[str]:
     if isinstance(law, jp.Rod):
-        stiffness = {} if law.stiffness is None else {"stiffness": law.stiffness}
-        return [*_law(law.material), *(f"{key} = {_written(k)}" for key, k in stiffness.items())]
+        brace = [] if law.stiffness is None else [f"stiffness = {_written(law.stiffness)}"]
+        return [*_law(law.material), *brace]
     classes = ContactSection.CLASSES | DamperSection.CLASSES
     names = [f'law = "{name}"' for name, kind in classes.items() if isinstance(law, kind)]
     return names + [f"{key} = {_written(x)}" for key, x in vars(law).items()]

@@ -15,6 +15,7 @@ from matplotlib.path import Path
 
 from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
+from jaxpound._fields import Parameter, walk
 from jaxpound.model.dampers import Dashpot, PowerLaw
 from jaxpound.model.system import Link, Rod, Structures, in_si
 from jaxpound.model.topology import GROUND, Topology, floors, stacks, two_ends
@@ -205,11 +206,9 @@ def _numbers(k: int, link: Link, damper: Damper, write: Callable[[str, Any], str
         forces.append(f"$\\mu_{{{k + 1}}}$ = {write('force', link.friction)}")
     if fast:
         forces.append(f"to {write('force', link.friction + fast.increase)}")
-    if damper and isinstance(damper[1].material, PowerLaw):
-        forces.append(f"$F_{{{damper[0] + 1}}}$ = {write('force', damper[1].material.force)}")
-    if damper and isinstance(damper[1].material, Dashpot):
-        c = write("damping", damper[1].material.coefficient)
-        forces.append(f"$c_{{{damper[0] + 1}}}$ = {c}")
+    if damper and isinstance(damper[1].material, PowerLaw | Dashpot):
+        _, spec, number = next(walk(damper[1].material, Parameter))
+        forces.append(f"${spec.symbol}_{{{damper[0] + 1}}}$ = {write(spec.kind, number)}")
     if link.inerter:
         forces.append(f"$b_{{{k + 1}}}$ = {write('mass', link.inerter.inertance)}")
     words = [("\n".join(forces), COLOURS["damper"])] if forces else []

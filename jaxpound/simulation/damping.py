@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from jaxpound._xla.alike import in_array
 from jaxpound.model.dampers import Dashpot
 from jaxpound.model.ends import along, weighted
 from jaxpound.model.system import System
@@ -68,8 +69,8 @@ class Damping(NamedTuple):
 
         With those that are ``owed`` from the step before.
         """
-        start = array_of(v) if drag is None else array_of(v) + drag.velocity
-        free = self.inverse @ (array_of(loads) - self.matrix @ start)
+        start = in_array(v) if drag is None else in_array(v) + drag.velocity
+        free = self.inverse @ (in_array(loads) - self.matrix @ start)
         return free - self.influence * ground + owed
 
     def at_rest(self) -> list[Any]:
@@ -95,19 +96,14 @@ class Damping(NamedTuple):
                 kind.follow(velocity, deviation.velocity)
                 kind.follow(position, deviation.closing)
                 kind.follow(end, deviation.end)
-        path = array_of(position)
-        speed = array_of(velocity) + self.against(path)
+        path = in_array(position)
+        speed = in_array(velocity) + self.against(path)
         shift = h * self.against(path - h / 2 * speed)
-        return Drag(speed, self.against(speed), shift, self.against(array_of(end)))
+        return Drag(speed, self.against(speed), shift, self.against(in_array(end)))
 
     def owed(self, kinds: Sequence[Coupled], moved: Sequence[Moved]) -> jax.Array:
         """Accelerations that dashpots owe as slip has stopped or turned within the step."""
         missed = self.at_rest()
         for kind, joints in zip(kinds, moved, strict=True):
             kind.in_step.follow(missed, kind.in_step.kink(joints, self.h))
-        return self.against(array_of(missed))
-
-
-def array_of(y: Sequence[Any]) -> jax.Array:
-    """Numbers as an array; not by ``stack``, see ``Coupled``."""
-    return jnp.concatenate([jnp.expand_dims(jnp.asarray(x), 0) for x in y])
+        return self.against(in_array(missed))

@@ -20,7 +20,7 @@ from jaxpound.model.ends import WeightedEnds, along, beside_axis, mobility, weig
 from jaxpound.model.hysteresis import before_yield, zener_of
 from jaxpound.model.joint import groups, joints
 from jaxpound.model.places import link_places, rod_places
-from jaxpound.model.system import Structures, System, in_si
+from jaxpound.model.system import Rod, Structures, System, in_si
 from jaxpound.model.topology import Topology, WeightedMasses, rod_groups, storey_rods
 from jaxpound.simulation.damping import Damping
 from jaxpound.simulation.joints.coupled import may_need_flow
@@ -126,8 +126,7 @@ def stability_limit(structures: Structures, scheme: Scheme = Scheme()) -> float:
     if is_traced(system):
         raise InvalidInput("structures", "", "must be known, not traced")
     concrete = jax.tree.map(np.asarray, system)
-    soft = [0.0 if rod.stiffness is None else rod.stiffness for rod in concrete.rods]
-    at_rest = _largest_eigenvalue(concrete, soft)
+    at_rest = _largest_eigenvalue(concrete, [*map(_stiffness, concrete.rods)])
     low, high = 0.0, 2 / float(np.max(at_rest)) ** 0.5  # a rod is never softer than at rest
     for _ in range(60):
         middle = (low + high) / 2
@@ -207,11 +206,12 @@ def _overdamped(system: System, dt: float) -> list[str]:
 
     The flow knows nothing of what dashpots do within it, which is added to its end.
     """
-    damping = Damping.of(system, dt) if is_known_and_single(system) else None
+    flowing = [group for group in groups(joints(system)) if may_need_flow(group, system)]
+    damping = Damping.of(system, dt) if flowing and is_known_and_single(system) else None
     if damping is None:
         return []
-    for group in groups(joints(system)):
-        for joint in group if may_need_flow(group, system) else ():
+    for group in flowing:
+        for joint in group:
             row = np.asarray(along(joint.ends, [*np.eye(len(system.masses))]))
             share = float(mobility(joint.ends, system.masses) / (row @ damping.inverse @ row)) - 1
             if share > _STRONG:
@@ -319,11 +319,14 @@ def _part(topology: Topology, rod: int) -> str:
 def _nyquist(system: System, dt: Any, scheme: Scheme) -> list[Any]:
     """The stiffness of each rod at the highest frequency that steps resolve."""
     return [
-        0.0
-        if rod.stiffness is None
-        else nyquist_stiffness(before_yield(rod.material), rod.stiffness, dt, scheme.order)
+        nyquist_stiffness(before_yield(rod.material), _stiffness(rod), dt, scheme.order)
         for rod in system.rods
     ]
+
+
+def _stiffness(rod: Rod) -> Any:
+    """The stiffness of a rod; 0 of a dashpot."""
+    return 0.0 if rod.stiffness is None else rod.stiffness
 
 
 def _largest_eigenvalue(system: System, stiffness: list[Any]) -> Any:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound._xla.alike import by_kind, stacked, unstacked
+from jaxpound._xla.alike import by_kind, in_array, stacked, unstacked
 from jaxpound.model.contact import with_mass
 from jaxpound.model.ends import along, less_ground
 from jaxpound.model.joint import Joint
@@ -77,10 +77,7 @@ class Coupled(NamedTuple):
         """Numbers of all joints as an array, (n,), or (groups, n) of several groups."""
         if not self.coupling.may_need_flow:
             return by_joint[0]
-        # Not ``stack``: a batch of it lies along its last axis, so that a step, whose state has
-        # other axes than its result then, is traced and compiled twice.
-        flat = jnp.concatenate([jnp.expand_dims(y, 0) for y in by_joint])
-        several = len(self.of)
+        flat, several = in_array(by_joint), len(self.of)
         return flat.reshape(several, -1) if several > 1 else flat
 
     def _by_group(self, tree: Any) -> list[Any]:

@@ -23,6 +23,7 @@ from jaxpound.results.demand import Demand
 from jaxpound.results.element_demands import MassDemand, RodDemand
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.contact.records import Contact
+from jaxpound.simulation.joints.coupled import Group
 from jaxpound.simulation.observe.link_tally import WINDOW, ContactTally, LinkTally, LogMeanExp
 from jaxpound.simulation.observe.peaks import GroundPeaks, Peak, Peaks, Sample
 from jaxpound.simulation.rods.yielding import time_until
@@ -50,9 +51,7 @@ class _Observed(NamedTuple):
         now = self.now
         position, speed = along(ends, now.x), along(ends, now.v)
         reached = list[jax.Array]()
-        for group in self.system.groups:
-            if not {*group.shares} & {*dict(ends)}:
-                continue
+        for group in self.groups_at(ends):
             links = [[link for link, _ in joint.faces] for joint in group.joints]
             for number, of_joint in enumerate(links):
                 steps = [step for k in of_joint if (step := now.links[k].gap) is not None]
@@ -68,10 +67,14 @@ class _Observed(NamedTuple):
                     reached.append(jnp.where(met & link.turns.exist, turned, position))
         return Sample(position, self.without_impact(ends), reached, self.terms(ends))
 
+    def groups_at(self, ends: WeightedEnds) -> list[Group]:
+        """The groups of joints that move masses at these ends."""
+        return [group for group in self.system.groups if {*group.shares} & {*dict(ends)}]
+
     def without_impact(self, ends: WeightedEnds) -> jax.Array:
         """Whether no impact of masses at these ends is among the last three samples."""
-        groups = [group for group in self.system.groups if {*group.shares} & {*dict(ends)}]
-        links = [link for group in groups for joint in group.joints for link, _ in joint.faces]
+        joints = [joint for group in self.groups_at(ends) for joint in group.joints]
+        links = [link for joint in joints for link, _ in joint.faces]
         kinks = [contact.is_kink for k in links if (contact := self.links[k].contact) is not None]
         smooth: jax.Array = self.smooth & ~jnp.stack(kinks).any() if kinks else self.smooth
         return smooth
