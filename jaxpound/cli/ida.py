@@ -62,7 +62,6 @@ class LadderTable(Section):
     period: Annotated[float, between(1e-3, 60, "s", "for models and for towers")] | None = None
     demand: str = "required_gap"
     threshold: float | None = None
-    refine: Literal["bisection", "newton"] = "bisection"
 
     def __post_init__(self) -> None:
         if self.period is not None and self.measure != "sa":
@@ -158,11 +157,7 @@ def analysed(
             strict=strict,
         )
         return jp.incremental_dynamic_analysis(
-            analysis,
-            ladder.intensities,
-            refine=ladder.refine,
-            store=store,
-            progress=sys.stderr.isatty(),
+            analysis, ladder.intensities, store=store, progress=sys.stderr.isatty()
         )
 
 

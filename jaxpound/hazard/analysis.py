@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from os import PathLike
 from typing import Any
 
@@ -37,7 +37,7 @@ from jaxpound.simulation.scheme import Scheme, imprecise, require_stable, single
 from jaxpound.simulation.time_steps import record_grid
 from jaxpound.store.store import RunLog, identity, program_digest
 
-_COLUMNS = ("record", "factor", "has_slope", "demand", "slope")  # the first three name a run
+_COLUMNS = ("record", "factor", "demand")  # the first two name a run
 _ROWS = 256  # of a file
 
 
@@ -203,10 +203,6 @@ class Analysis:
         spec = self.event[0] if isinstance(self.demand, str) else self.demand
         return named.value_of(self.run_structures.system(), result, spec)
 
-    def value_and_slope(self, record: Any, factor: Any) -> Any:
-        """``value`` and its derivative by the factor."""
-        return jax.jvp(partial(self.value, record), (factor,), (jnp.ones_like(factor),))
-
 
 def joined(suites: Sequence[RecordSuite]) -> tuple[RecordSuite, list[np.ndarray]]:
     """Every record of several suites once, and the numbers in it of the records of each.
@@ -260,42 +256,34 @@ class SuiteRuns:
             inputs |= {"structures": analysis.run_structures, "grid": analysis.time_grid}
             self._log = RunLog(store, identity(*search, **inputs, scheme=analysis.scheme))
         stored = self._log.rows if self._log else dict.fromkeys(_COLUMNS, np.empty(0))
-        self._finished = _by_run(np.column_stack([stored[name] for name in _COLUMNS]))
+        *runs, demands = (stored[name].tolist() for name in _COLUMNS)
+        self._finished = dict(zip(zip(*runs, strict=True), demands, strict=True))
         self._part = part = runs_at_a_time() // 4  # runs after which a file is written
-        programs = lambda *run: (analysis.value(*run), jnp.nan), analysis.value_and_slope
-        self._programs = [in_chunks(program, part) for program in programs]
+        self._program = in_chunks(analysis.value, part)
         self.bar = tqdm(unit=" runs", disable=not progress)
 
-    def run(self, records: Any, intensities: Any, *, slopes: bool = False) -> np.ndarray:
-        """Demands of m records, by number, and derivatives by the intensity or NaN, shape (2, m).
-
-        ``intensities``, shape (m,), are those to which the records are scaled.
-        """
+    def run(self, records: Any, intensities: Any) -> np.ndarray:
+        """Demands of m records, by number, scaled to ``intensities``, shape (m,) all."""
         unscaled = self.analysis.unscaled[records]
         factors = np.asarray(intensities / unscaled, jnp.zeros(()).dtype)
-        runs = [(*run, slopes) for run in zip(records.tolist(), factors.tolist(), strict=True)]
+        runs = [*zip(records.tolist(), factors.tolist(), strict=True)]
         missing, size = [x for x in runs if x not in self._finished], min(len(runs), self._part)
         self.bar.total = (self.bar.total or 0) + len(runs)
         self.bar.update(len(runs) - len(missing))
         for start in range(0, len(missing), size):
             part = missing[start : start + size]
             # As large as if no run were finished: the same program, and the same rounding.
-            record, factor, _ = np.array(part + part[-1:] * (size - len(part))).T
-            results = self._programs[slopes](record.astype(int), factor.astype(factors.dtype))
-            rows = np.column_stack([part, *(x[: len(part)] for x in results)])
+            record, factor = np.array(part + part[-1:] * (size - len(part))).T
+            demands = self._program(record.astype(int), factor.astype(factors.dtype))[: len(part)]
             if self._log is not None:
-                self._log.add(dict(zip(_COLUMNS, rows.T, strict=True)))
-            self._finished |= _by_run(rows)
+                columns = *np.transpose(part), demands
+                self._log.add(dict(zip(_COLUMNS, columns, strict=True)))
+            self._finished |= zip(part, demands.tolist(), strict=True)
             self.bar.update(len(part))
-        demands, by_factor = np.array([self._finished[run] for run in runs]).T
+        demands = np.array([self._finished[run] for run in runs])
         if not (finite := np.isfinite(demands)).all():
             i, name = int(np.argmin(finite)), self.analysis.event[0]
             place = f"{self.analysis.suite.names[records[i]]!r} at {intensities[i]:.6g}"
             rule = f"{name} must be finite, but is {demands[i]}"
             raise FloatingPointError(f"{caller()}: {place}: {rule}")
-        return np.stack([demands, by_factor / unscaled])
-
-
-def _by_run(rows: np.ndarray) -> dict[tuple[float, ...], list[float]]:
-    """Demand and slope by the number of the record, its factor and whether the run has a slope."""
-    return {tuple(row[:3]): row[3:] for row in rows.tolist()}
+        return demands

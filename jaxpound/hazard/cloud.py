@@ -177,7 +177,7 @@ def cloud_analysis(
     im = analysis.unscaled
     runs = SuiteRuns(analysis, im, store, progress)
     with runs.bar:
-        demands, _ = runs.run(np.arange(len(im)), im)
+        demands = runs.run(np.arange(len(im)), im)
     cloud = fit_cloud(im, demands, limit, measure=words)
     threshold = level if level > 0 else None  # the gap at rest may be 0
     return dataclasses.replace(cloud, name=name, threshold=threshold, topology=topology)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from jaxpound._checks import Rule, enforce, hint, number
+from jaxpound._checks import Rule, enforce, number
 from jaxpound._errors import InvalidInput, resumable
 from jaxpound._tables import Shown, TextTable
 from jaxpound.hazard.analysis import Analysis, SuiteRuns, rising_intensities, single_suite
@@ -21,7 +21,6 @@ from jaxpound.results.named import demand_in_words, event_in_words
 from jaxpound.study.fragility import Fragility
 
 FRACTILES = (0.16, 0.5, 0.84)  # shares of the records: the median and about ±β
-_MOST_ROUNDS = 60
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -98,7 +97,6 @@ def incremental_dynamic_analysis(
     analysis: Analysis,
     intensities: ArrayLike | Sequence[float],
     *,
-    refine: str = "bisection",
     tolerance: float = 1e-3,
     store: str | PathLike[str] | None = None,
     progress: bool = True,
@@ -106,7 +104,8 @@ def incremental_dynamic_analysis(
     """Demands of records that are scaled up step by step (Vamvatsikos and Cornell 2002).
 
     All records are run at all intensities in one batch. For each record the first pair of
-    neighbouring intensities between which the demand reaches the threshold is then narrowed down.
+    neighbouring intensities between which the demand reaches the threshold is then narrowed down,
+    by bisection with as many points in each bracket as fill the batch.
     A demand need not grow with the intensity: a crossing between two neighbouring intensities from
     which the demand returns is missed. ``returning`` names the records whose demands are below the
     threshold again at higher intensities; ``fragility()`` is that of the capacities.
@@ -117,16 +116,13 @@ def incremental_dynamic_analysis(
         Buildings, records of one suite, and the demand with its threshold.
     intensities
         Intensities > 0, rising, shape (k,).
-    refine
-        "bisection", with as many points in each bracket as fill the batch, or "newton", with the
-        derivative by the intensity: fewer runs, and another program to compile.
     tolerance
-        Width of the last bracket, or size of the last step of Newton's method, over the capacity.
+        Width of the last bracket over the capacity.
     store
         A folder that keeps finished runs, by record and factor: after an interruption the same call
         continues from them, and its result is the same. A call with other intensities, or another
-        measure, threshold, ``refine`` or ``tolerance``, runs only what is missing. It is for one
-        process at a time. Damaged files are named in a warning, and their runs are repeated.
+        measure, threshold or ``tolerance``, runs only what is missing. It is for one process at a
+        time. Damaged files are named in a warning, and their runs are repeated.
     progress
         Whether to show a progress bar.
 
@@ -156,21 +152,18 @@ def incremental_dynamic_analysis(
     (0.076, 0.308)
     """
     levels = rising_intensities(intensities)
-    if refine not in _REFINEMENTS:
-        raise InvalidInput("", "", f"unknown refine = {refine!r}; {hint(refine, _REFINEMENTS)}")
     tolerance = float(number("tolerance", tolerance))
     enforce([Rule("tolerance", tolerance, 1e-9 <= tolerance < 1, "from 1e-9 to below 1")])
     runs = SuiteRuns(single_suite(analysis), levels[-1], store, progress)
     n, with_zero = len(analysis.suite), np.append(0.0, levels)
     with runs.bar:
-        demands, _ = runs.run(np.repeat(np.arange(n), with_zero.size), np.tile(with_zero, n))
+        demands = runs.run(np.repeat(np.arange(n), with_zero.size), np.tile(with_zero, n))
         demands = demands.reshape(n, -1)
         excess = demands - runs.threshold
         if (excess[:, 0] >= 0).any():
             rule = f"must be above {demands[:, 0].max():.6g}, what the demand is without shaking"
             raise InvalidInput("threshold", f"{runs.threshold:.6g}", rule)
-        brackets = Brackets.of(with_zero, excess)
-        capacities = _REFINEMENTS[refine](runs, brackets, tolerance, demands.size)
+        capacities = by_sections(runs, Brackets.of(with_zero, excess), tolerance, demands.size)
         runs.bar.set_postfix_str(f"{n} of {n} records")
     numbers = analysis.unscaled, levels, demands[:, 1:], capacities
     return IncrementalDynamicAnalysis(analysis.suite.names, *numbers, *analysis.about)
@@ -212,48 +205,18 @@ class Brackets:
         low, high = self.ends.T
         return np.where(np.isfinite(high), 1 - low / high, 0.0)
 
-    def progress(self, pending: np.ndarray) -> str:
-        """In words, with the numbers of the records whose brackets are still to be narrowed."""
-        n, widest = len(self.ends), self.width()[pending].max()
-        return f"{n - pending.size} of {n} records, brackets within {widest:.2g}"
-
 
 def by_sections(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: int) -> np.ndarray:
     """Bisection by many points: ``batch`` runs a round, as many as fill a batch of runs."""
-    while (wide := np.flatnonzero(brackets.width() > tolerance)).size:
-        runs.bar.set_postfix_str(brackets.progress(wide))
+    while (wide := np.flatnonzero((width := brackets.width()) > tolerance)).size:
+        done = f"{width.size - wide.size} of {width.size} records"
+        runs.bar.set_postfix_str(f"{done}, brackets within {width.max():.2g}")
         n = max(1, batch // wide.size)
         low, high = brackets.ends[wide].T[..., None]
         points = low + np.arange(n + 2) / (n + 1) * (high - low)
-        inner, _ = runs.run(np.repeat(wide, n), points[:, 1:-1].ravel())
+        inner = runs.run(np.repeat(wide, n), points[:, 1:-1].ravel())
         below, above = brackets.excess[wide].T
         excess = np.column_stack([below, inner.reshape(-1, n) - runs.threshold, above])
         narrower = Brackets.of(points, excess)
         brackets.ends[wide], brackets.excess[wide] = narrower.ends, narrower.excess
     return brackets.chord()
-
-
-def by_newton(runs: SuiteRuns, brackets: Brackets, tolerance: float, batch: int) -> np.ndarray:
-    """Newton's method by the intensity; a step that would leave the bracket halves it instead."""
-    im = brackets.chord()
-    pending = np.flatnonzero(np.isfinite(im))
-    for _ in range(_MOST_ROUNDS):
-        if not pending.size:
-            break
-        runs.bar.set_postfix_str(brackets.progress(pending))
-        demands, slopes = runs.run(pending, im[pending], slopes=True)
-        excess = demands - runs.threshold
-        end = (excess >= 0).astype(int)  # which each point replaces
-        brackets.ends[pending, end], brackets.excess[pending, end] = im[pending], excess
-        after = im[pending] - excess / np.where(slopes == 0, np.nan, slopes)
-        low, high = brackets.ends[pending].T
-        inside = (after >= low) & (after <= high)
-        after = np.where(inside, after, (low + high) / 2)
-        done = (np.abs(after - im[pending]) <= tolerance * after) & inside
-        done |= high - low <= tolerance * high
-        im[pending] = after
-        pending = pending[~done]
-    return im
-
-
-_REFINEMENTS = {"bisection": by_sections, "newton": by_newton}

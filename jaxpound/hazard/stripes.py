@@ -86,5 +86,5 @@ def multiple_stripes(
     np.maximum.at(highest, rows, at)
     runs = SuiteRuns(analysis, highest, store, progress)
     with runs.bar:
-        demands, _ = runs.run(rows, at)
+        demands = runs.run(rows, at)
     return Stripes(levels, tuple(np.split(demands, np.cumsum(sizes)[:-1])), *analysis.about)

@@ -8,7 +8,7 @@ from tqdm.auto import tqdm
 
 import jaxpound as jp
 from jaxpound.hazard import analysis as analyses
-from jaxpound.hazard.ida import Brackets, by_newton, by_sections
+from jaxpound.hazard.ida import Brackets, by_sections
 from jaxpound.plots import ida as plots
 from tests.ground.test_suite import SUITE
 from tests.made import row_of
@@ -54,9 +54,9 @@ def test_demands_of_linear_buildings_are_proportional_and_capacities_those_of_si
     assert float(single.min_gap) == pytest.approx(0, abs=1e-6 * GAP)
 
 
-def test_newton_contact_and_ends_of_the_ladder(linear):
-    for changed in ({"refine": "newton"}, {"structures": linked(contact=jp.Newton(0.65))}):
-        np.testing.assert_allclose(analysed(**changed).capacities, linear.capacities, rtol=1e-10)
+def test_contact_and_ends_of_the_ladder(linear):
+    colliding = analysed(linked(contact=jp.Newton(0.65)))
+    np.testing.assert_allclose(colliding.capacities, linear.capacities, rtol=1e-10)
     most = float(np.sort(linear.capacities)[1] * 1.01)
     found = analysed(intensities=[most / 4, most / 3, most / 2, most])
     known = np.isfinite(found.capacities)
@@ -116,20 +116,18 @@ class Curves:
 
     threshold, bar = 1.0, tqdm(disable=True)
 
-    def run(self, which, im, slopes=False):
-        phase = np.array([1.0, 1.3])[which]
-        return im + 0.8 * np.sin(phase * im), 1 + 0.8 * phase * np.cos(phase * im)
+    def run(self, which, im):
+        return im + 0.8 * np.sin(np.array([1.0, 1.3])[which] * im)
 
 
-@pytest.mark.parametrize("method", [by_sections, by_newton])
 @pytest.mark.parametrize("batch", [1, 2, 40])
-def test_the_first_crossing_is_refined(method, batch):
+def test_the_first_crossing_is_refined(batch):
     runs, ladder = Curves(), np.array([0.0, 0.5, 1.0, 2.0, 4.0])
-    excess = runs.run(np.repeat([0, 1], 5), np.tile(ladder, 2))[0].reshape(2, -1) - 1.0
-    found = method(runs, Brackets.of(ladder, excess), 1e-6, batch)
+    excess = runs.run(np.repeat([0, 1], 5), np.tile(ladder, 2)).reshape(2, -1) - 1.0
+    found = by_sections(runs, Brackets.of(ladder, excess), 1e-6, batch)
     fine = np.linspace(0, 2, 200_001)
     for record, capacity in enumerate(found):
-        values, _ = runs.run(np.full(fine.size, record), fine)
+        values = runs.run(np.full(fine.size, record), fine)
         assert capacity == pytest.approx(fine[np.argmax(values >= 1.0)], abs=2e-5)
 
 
@@ -182,11 +180,10 @@ def assert_same(found, expected):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
-@pytest.mark.parametrize("refine", ["bisection", "newton"])
-def test_a_stopped_analysis_goes_on(refine, counted, tmp_path):
+def test_a_stopped_analysis_goes_on(counted, tmp_path):
     """Stopped within the ladder and after it."""
     counting, sizes = counted
-    how = {"refine": refine, "progress": False}
+    how = {"progress": False}
     whole, needed = analysed(**how), len(sizes)
     assert needed > 2
     for _ in range(2):
@@ -226,7 +223,6 @@ def test_a_store_serves_other_questions_of_the_same_runs_and_damage_is_told(coun
 test_wrong_arguments_are_named = refusals(
     ({"intensities": [0.2, 0.1]}, r"intensities = 0.1 \(at index \[1\]\) must be rising"),
     ({"intensities": [0.0]}, "intensities = 0 .* must be positive"),
-    ({"refine": "newtn"}, "unknown refine = 'newtn'; did you mean 'newton'"),
     ({"tolerance": 0}, "tolerance = 0 must be"),
     ({"measure": "sa"}, "measure = 'sa' must be 'pga', a natural period"),
     ({"measure": [1.0]}, r"measure of shape \(1,\) must be one number or \(3,\)"),
