@@ -90,8 +90,7 @@ def real(name: str, value: Any) -> Any:
         value = float(value) if type(value) is int else value
         array = np.asarray(value)
     except Exception as error:
-        rule = f"is not a number ({error})"
-        raise InvalidInput(name, reprlib.repr(value), rule) from error
+        raise InvalidInput(name, reprlib.repr(value), f"is not a number ({error})") from error
     if array.dtype.kind not in "fiu":
         none = " (0 stands for none)" if value is None and name.startswith("friction") else ""
         raise InvalidInput(name, reprlib.repr(value), f"must be a real number{none}")

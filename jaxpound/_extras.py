@@ -11,9 +11,6 @@ EXTRAS = {  # the extra that installs a library
     "pandas": "tables",
     "pyarrow": "tables",
     "ipywidgets": "notebooks",
-    "blackjax": "reliability",
-    "openturns": "reliability",
-    "SALib": "reliability",
 }
 
 

@@ -6,14 +6,15 @@ import dataclasses
 
 import numpy as np
 
-from jaxpound._checks import Rule, enforce, is_traced, is_whole, number, positive, require_memory
+from jaxpound._checks import is_traced, positive, require_memory
 from jaxpound._errors import InvalidInput
+from jaxpound._fields import Checked, parameter
 
 _STEP_BYTES = 16  # an instant and its ground acceleration: a lower bound for a run
 
 
 @dataclasses.dataclass(frozen=True)
-class TimeGrid:
+class TimeGrid(Checked):
     """Instants 0, dt, …, n_steps·dt. Static: another grid is another compiled program.
 
     The time step ``dt`` > 0 is in units of 1/ω1, or in s for ``Buildings``; ``n_steps`` is at least
@@ -27,20 +28,15 @@ class TimeGrid:
     [0.0, 0.5, 1.0, 1.5, 2.0]
     """
 
-    dt: float
-    n_steps: int
+    dt: float = parameter(single=True, above=0)
+    n_steps: int = parameter(single=True, whole=True, least=2)
 
     def __post_init__(self) -> None:
-        dt, n = self.dt, self.n_steps
-        if is_traced((dt, n)):
-            rule = "shape the program and cannot be traced"
-            raise InvalidInput("dt and n_steps", "", rule)
-        dt = number("dt", dt)
-        number("n_steps", n)
-        whole = Rule("n_steps", n, is_whole(n) and n >= 2, "a whole number, at least 2")
-        enforce([Rule("dt", dt, 0 < dt < np.inf, "positive and finite"), whole])
-        require_memory("n_steps", int(n), _STEP_BYTES * int(n))
-        vars(self).update(dt=float(dt), n_steps=int(n))
+        if is_traced((self.dt, self.n_steps)):
+            raise InvalidInput("dt and n_steps", "", "shape the program and cannot be traced")
+        super().__post_init__()
+        vars(self).update(dt=float(self.dt), n_steps=int(self.n_steps))
+        require_memory("n_steps", self.n_steps, _STEP_BYTES * self.n_steps)
 
     @classmethod
     def until(cls, duration: float, dt: float) -> TimeGrid:

@@ -203,7 +203,7 @@ def _of_building(
 ) -> dict[str, Any]:
     keys = ("period_s", "damping_ratio", "share_of_mass", "overdamped")
     modes = zip(by.periods, by.damping_ratios, by.participation, by.overdamped, strict=True)
-    heights = building.heights[: building.n_floors]
+    heights, base = building.heights[: building.n_floors], float(floors.displacement[0])
     storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
     above = slice(bearing is not None, None)  # storeys above bearings
     return {
@@ -218,17 +218,13 @@ def _of_building(
         "base_shear_N": float(floors.shear[0]),
         "yielding": [{"storey": i} | x for i, x in storeys if x],
         "tuned_mass_strokes_m": [] if floors.stroke is None else [*map(float, floors.stroke)],
-        "isolation": bearing and _of_bearing(bearing.model(), float(floors.displacement[0])),
+        "isolation": bearing
+        and {  # a spring and a dashpot, at the largest displacement of the base
+            "restoring_period_s": float(bearing.model().period),
+            "displacement_m": base,
+            "damping_ratio": float(bearing.model().damping_ratio(base)) if base else None,
+        },
         "modes": [dict(zip(keys, (*map(float, x[:3]), bool(x[3])), strict=True)) for x in modes],
-    }
-
-
-def _of_bearing(bearing: Any, displacement: float) -> dict[str, Any]:
-    """Bearings as a spring and a dashpot, at the largest displacement of the base."""
-    return {
-        "restoring_period_s": float(bearing.period),
-        "displacement_m": displacement,
-        "damping_ratio": float(bearing.damping_ratio(displacement)) if displacement else None,
     }
 
 

@@ -164,9 +164,7 @@ class DesignProblem:
         """The ``columns`` of structures in one earthquake."""
         response, system = demand(structures, ground, self.grid, self.scheme), structures.system()
         gaps = [system.links[k].gap for k in self._closable]
-        frictions = [link.friction for link in system.links]
-        amounts = frictions, named.viscous_forces(system), named.inertances(system)
-        columns = named.limited_values(system, response, *amounts)
+        columns = named.limited_values(system, response)
         if gaps:
             columns |= {"initial_gap": sum(gaps) / len(gaps)}
         return {name: jnp.asarray(columns[name], response.min_gap.dtype) for name in self.columns}

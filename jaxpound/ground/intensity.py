@@ -195,6 +195,5 @@ def samples_of(ground: GroundLike, grid: TimeGrid | None) -> tuple[jax.Array, An
     if grid is None and isinstance(ground, Record):
         return jnp.asarray(ground.samples), ground.dt
     if not isinstance(grid, TimeGrid):
-        rule = f"must be a TimeGrid for a {type(ground).__name__}"
-        raise InvalidInput("grid", repr(grid), rule)
+        raise InvalidInput("grid", repr(grid), f"must be a TimeGrid for a {type(ground).__name__}")
     return jnp.asarray(sampled(ground, grid).samples), grid.dt

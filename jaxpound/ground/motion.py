@@ -24,8 +24,7 @@ _TIME_UNITS = {SECONDS: SECONDS, DIMENSIONLESS: DIMENSIONLESS, "1/omega1": DIMEN
 def time_unit_of(value: Any) -> str:
     """A unit of time, "s" or "1/ω1" (also spelled "1/omega1"); an ``InvalidInput`` for others."""
     if not (isinstance(value, str) and value in _TIME_UNITS):
-        rule = f"must be {SECONDS!r} or {DIMENSIONLESS!r}"
-        raise InvalidInput("time_unit", repr(value), rule)
+        raise InvalidInput("time_unit", repr(value), f"must be {SECONDS!r} or {DIMENSIONLESS!r}")
     return _TIME_UNITS[value]
 
 
@@ -349,8 +348,7 @@ def require_one_time_unit(records: Mapping[str, GroundMotion]) -> None:
     """An ``InvalidInput`` for records, by name, of which one is in another unit than the first."""
     for name, record in records.items():
         if record.time_unit != (first := next(iter(records.values()))).time_unit:
-            rule = f"must be in the same unit of time as {first!r}"
-            raise InvalidInput(name, repr(record), rule)
+            raise InvalidInput(name, repr(record), f"must be in the same unit of time as {first!r}")
 
 
 def records_in(ground: GroundLike) -> Iterator[GroundMotion]:

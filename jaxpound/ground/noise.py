@@ -29,7 +29,7 @@ from jax.scipy.signal import fftconvolve
 from jax.scipy.special import gammaln
 from jaxtyping import Array, ArrayLike, Float
 from numpy.polynomial import Chebyshev
-from numpy.polynomial.chebyshev import chebval
+from numpy.polynomial.chebyshev import chebval, chebvander
 from scipy.fft import next_fast_len
 from scipy.special import gammaincinv
 
@@ -125,7 +125,7 @@ class CloughPenzien:
             numerator = pole**2 * (through[0] * pole + through[1])
             separation = (pole - other) * (pole - jnp.conj(other))
             residue = numerator / (2j * pole.imag * separation)
-            return 2 * jnp.exp(pole.real * t) * (residue * turned(pole.imag * t)).real
+            return 2 * jnp.exp(pole.real * t) * (residue * jnp.exp(1j * pole.imag * t)).real
 
         return part(ground, second) + part(second, ground)
 
@@ -190,11 +190,6 @@ class PlateauEnvelope:
         t = jnp.asarray(t)
         rising = larger(smaller(t / self.rise, 1.0), 0.0) ** 2
         return rising * jnp.exp(-self.decay * larger(t - self.end, 0.0))
-
-
-def turned(angle: Any) -> Any:
-    """e^(i·angle)."""
-    return jax.lax.complex(jnp.cos(angle), jnp.sin(angle))
 
 
 def causal(kernel: Any, x: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -283,8 +278,8 @@ def evolving_noise(
     size, s = w / across, tau - tau[0]
     inputs = jnp.stack([size * z, size**2])  # to the responses, and to their squares
     changing, held = jnp.where(falls[None], 0.0, inputs), jnp.where(falls[None], inputs, 0.0)
-    around = turned(across * rate * tau**2 / 2)
-    phase = turned(across * (centre * s - rate * s**2 / 2))
+    around = jnp.exp(1j * across * rate * tau**2 / 2)
+    phase = jnp.exp(1j * across * (centre * s - rate * s**2 / 2))
     total = _responses(changing, s, w, damping, around, phase)
     low = jnp.exp(-damping * lowest * s) * jnp.sin(across * lowest * s)
     noise, variance = total + jax.vmap(causal)(jnp.stack([low, low**2]), held)
@@ -320,8 +315,8 @@ def _responses(
     u = jnp.where(varies, (x - middle) / jnp.where(varies, half, 1.0), 0.0)
     k = np.arange(NODES)
     places = np.cos(np.pi * (k + 0.5) / NODES)
-    polynomials = np.stack(_chebyshev(places, NODES)) * np.where(k == 0, 1, 2)[:, None] / NODES
-    shares = jnp.asarray(polynomials.T, w.dtype) @ jnp.stack(_chebyshev(u, NODES))
+    series = chebvander(places, NODES - 1).T * np.where(k == 0, 1, 2)[:, None] / NODES
+    shares = chebval(u[None], series[..., None]).astype(w.dtype)
     squared = v[1] / 2
     waves = jnp.stack([v[0] * jnp.conj(around), squared * jnp.conj(around) ** 2])
     turns = jnp.stack([phase, phase**2])
@@ -338,14 +333,6 @@ def _responses(
     (turning, plain), _ = jax.lax.scan(add, start, (jnp.asarray(places, w.dtype), shares))
     wave, double = jnp.fft.ifft(turning)[:, :n] * jnp.stack([around, around**2])
     return jnp.stack([wave.imag, jnp.fft.irfft(plain, size)[:n].astype(w.dtype) - double.real])
-
-
-def _chebyshev(x: Any, n: int) -> list[Any]:
-    """Chebyshev polynomials of degrees 0 to n − 1 at x."""
-    polynomials = [x * 0 + 1, x]
-    while len(polynomials) < n:
-        polynomials.append(2 * x * polynomials[-1] - polynomials[-2])
-    return polynomials[:n]
 
 
 class ChebyshevFit:

@@ -207,8 +207,7 @@ class Record(motion.GroundMotion):
         dt; if either interval is traced.
         """
         if is_traced((dt, self.dt)):
-            rule = "decides the number of samples and cannot be traced"
-            raise InvalidInput("dt", "", rule)
+            raise InvalidInput("dt", "", "decides the number of samples and cannot be traced")
         positive_number(dt=dt)
         dt, old = float(dt), float(self.dt)
         rule = f"at most the record's duration, {self.duration:.8g}"
@@ -269,8 +268,7 @@ class Record(motion.GroundMotion):
 def stated_unit(units: str) -> str:
     """The unit of accelerations that ``units`` names; an ``InvalidInput`` if it is none."""
     if not isinstance(units, str) or (unit := whole_unit(units)) is None:
-        rule = f"must be one of {', '.join(UNITS)}"
-        raise InvalidInput("units", reprlib.repr(units), rule)
+        raise InvalidInput("units", reprlib.repr(units), f"must be one of {', '.join(UNITS)}")
     return unit
 
 

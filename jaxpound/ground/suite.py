@@ -192,8 +192,7 @@ class RecordSuite(Shown):
         instance("target", target, TargetSpectrum)
         span, bounds = PeriodRange.of(periods), positive_pair("factors", factors, "bounds")
         if best is not None and count("best", best) > len(self):
-            rule = f"must be at most {len(self)}, all records"
-            raise InvalidInput("best", str(best), rule)
+            raise InvalidInput("best", str(best), f"must be at most {len(self)}, all records")
         if least is not None:
             positive_number(least=least)
         for record in self.records:
@@ -269,8 +268,7 @@ def read_suite(
     if not matching:
         kinds = ", ".join(sorted({f"*{path.suffix}" for path in paths if path.suffix})[:8])
         content = f"it has {kinds}" if kinds else "it is empty"
-        rule = f"must fit a file in {place}: {content}"
-        raise InvalidInput("pattern", repr(pattern), rule)
+        raise InvalidInput("pattern", repr(pattern), f"must fit a file in {place}: {content}")
     options = {"dt": dt, "units": units, "rows": rows, "strict": strict}
     files, left_out = _read_files(matching, **options)
     if not files:

@@ -28,7 +28,6 @@ from jaxpound._fields import Parameter
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.record import Record
-from jaxpound.ground.run_input import require_time_unit
 from jaxpound.ground.wavelets import Ricker
 from jaxpound.model import parameters
 from jaxpound.model.structures import AdjacentStructures
@@ -153,9 +152,7 @@ class Explorer:
 
         instance("structures", structures, AdjacentStructures, Buildings)
         instance("ground", ground, Ricker, Record)
-        require_time_unit("ground", ground, si=in_si(structures))
         instance("grid", grid, TimeGrid)
-        instance("scheme", scheme, Scheme)
         if any(np.ndim(leaf) for leaf in jax.tree.leaves(structures)):
             raise InvalidInput("structures", "", "must be a single pair, not a batch")
         if structures.system().topology != PAIR:
@@ -236,7 +233,7 @@ class Explorer:
         response = simulate(structures, ground, self._grid, self._scheme)
         self._panels = self._panels or LivePanels(response)
         self.picture.value = self._panels.png(response)
-        self.words.value = _in_words(response)
+        self.words.value = response._repr_html_()
         self.structures, self.ground, self.response = structures, ground, response
 
     def _changed(self, _: Any) -> None:
@@ -249,20 +246,6 @@ class Explorer:
         """Back to the first values."""
         for slider in self.sliders.values():
             slider.value = slider.first
-
-
-def _in_words(response: Response) -> str:
-    d, si, phases = response.demand, response.si, len(response.phases())
-    length, second = (f" {unit(kind, si)}".replace(" 1/", "/") for kind in ("length", "time"))
-    pounds = " <b>The buildings pound.</b>" if d.pounds else ""
-    if d.pounds and d.links[0].n_impacts is not None:
-        n, lost = int(d.n_impacts), f"{d.contact_work:.3g} {unit('energy', si)}"
-        pounds = f" <b>The buildings pound {n} time{'s' * (n != 1)}</b> and lose {lost}."
-    return (
-        f"min gap {d.min_gap:.4g}{length} at t = {d.min_gap_time:.4g}{second}; "
-        f"{phases} phase{'s' * (phases != 1)}, slid {d.slip_distance:.3g}{length}, "
-        f"offset left {d.residual_offset:z.3g}{length}.{pounds}"
-    )
 
 
 def plain(text: str) -> str:

@@ -33,7 +33,6 @@ _STARTS = 32  # where the demand has no instants, at first
 _MOST_STARTS = 512
 _SAME_POINT = 0.98  # cosine above which the points of two starts are the same
 _REACHED_TOO = 0.9  # the same, for samples around a point to be drawn around the other, too
-_NEARLY = 0.75  # share of the way to a linearised limit state
 _PARTS, _DIVISIONS = 8, 3  # a line is divided; its first part that reaches the demand again
 _FARTHEST = 12.0  # distance beyond which no design point is sought: Φ(−12) is 2e-33
 _FAR = 2.5  # design points that are farther than the nearest by more than this are left out
@@ -219,10 +218,6 @@ class DesignPoints:
         """Some of the points."""
         names = ("z", "directions", "betas", "instants", "series")
         return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in names})
-
-    def stand_for(self, z: Float[np.ndarray, "n d"]) -> np.ndarray:
-        """Whether points lie beyond or nearly at a linearised limit state, shape (n,)."""
-        return (z @ self.directions.T >= _NEARLY * self.betas).any(axis=1)
 
     def form(self, draws: int = 20_000) -> float:
         """Probability that any linearised limit state is reached, without a run.

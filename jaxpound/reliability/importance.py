@@ -34,6 +34,7 @@ COMMON = 0.04  # share of plain runs above which plain Monte Carlo is as good
 _FEWEST, _FEWEST_HITS = 2, 10  # batches and samples that reach it before a c.o.v. is believed
 _MISSED = (2, 5)  # failures far from all points, in one and two batches of stronger motions
 _THIN, _LARGEST, _OUTSIDE = 0.1, 0.1, 0.1  # shares of the estimate from which there is a warning
+_NEARLY = 0.75  # share of the way to a linearised limit state, from which on no point is far
 _STRONGER = 0.5  # factor of the stronger motions, as a share of the nearest design point's distance
 
 _POINTS_FILE = "design-points.npz"
@@ -200,7 +201,8 @@ class DesignPointSearch:
         missed = 0
         for number, many in enumerate(_MISSED, 1):
             stronger = self._batch(number, None, factor)
-            far = ~points.stand_for(stronger.points)
+            reached = stronger.points @ points.directions.T >= _NEARLY * points.betas
+            far = ~reached.any(axis=1)
             missed += int(np.count_nonzero(far & (stronger.values >= 0)))
             if missed < many:
                 return ""

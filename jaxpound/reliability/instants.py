@@ -6,8 +6,7 @@ design point; the largest number of all instants is not smooth.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
-from functools import partial
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import jax
@@ -16,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ground, GroundLike
+from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.ends import elongation, load_on
 from jaxpound.model.places import link_places, mass_places, rod_places
@@ -26,17 +25,13 @@ from jaxpound.results.demand import OF_CONTACTS, OF_FLOORS, Demand
 from jaxpound.results.elements import place_of
 from jaxpound.results.named import REQUIRED_GAP
 from jaxpound.simulation.constants import StepConstants
-from jaxpound.simulation.rollout import Rollout, extrapolated, program_key
+from jaxpound.simulation.rollout import Rollout, extrapolated
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.state import Instant
 
 _PERIOD = 2 * np.pi  # of structure 1, in 1/ω1
 _PER_PERIOD = 20
 _MOST = 256
-
-
-def _positions(system: StepConstants, now: Instant) -> tuple[Any, ...]:
-    return *now.x, *(link.closing for link in now.links)
 
 
 def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
@@ -50,7 +45,10 @@ def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
 
 _OBSERVERS: dict[str, Any] = {  # by kind the numbers at an instant, and how many there are
     # Displacement of each mass, and the closing of each link: its gap at rest less its gap.
-    "length": (_positions, lambda topology: topology.n_masses + len(topology.links)),
+    "length": (
+        lambda system, now: (*now.x, *(link.closing for link in now.links)),
+        lambda topology: topology.n_masses + len(topology.links),
+    ),
     "acceleration": (_accelerations, lambda topology: topology.n_masses),
     "force": (lambda system, now: now.forces, lambda topology: len(topology.rods)),
 }
@@ -135,27 +133,14 @@ def observed_at(
 ) -> tuple[Any, ...]:
     """What series of a kind combine, at the instant with a number from 0 to n_steps, or traced.
 
-    It suits many derivatives: a run keeps no series and observes nothing else. It does not check
-    the input (``demand`` does); an invalid run gives NaN.
+    It suits many derivatives: a run keeps no series and observes nothing else. It is to be part of
+    a compiled program, and does not check the input (``demand`` does); an invalid run gives NaN.
     """
     ground = as_run(ground, scheme.finest(grid), gravity_of(structures))
-    case = structures, ground
-    return _observed_at(kind, case, program_key(case), grid, scheme, jnp.asarray(instant))
-
-
-@partial(jax.jit, static_argnames=("kind", "key", "grid", "scheme"))
-def _observed_at(
-    kind: str,
-    case: tuple[Structures, Ground],
-    key: Hashable,
-    grid: TimeGrid,
-    scheme: Scheme,
-    number: Any,
-) -> tuple[Any, ...]:
     numbers, size = _OBSERVERS[kind]
 
     def observed(grid: TimeGrid, instant: Any) -> tuple[Any, ...]:
-        run = Rollout.of(*case, grid, scheme)
+        run = Rollout.of(structures, ground, grid, scheme)
 
         def observe(kept: Any, now: Instant, m: jax.Array) -> tuple[Any, None]:
             seen = numbers(run.constants, now)
@@ -167,8 +152,8 @@ def _observed_at(
         return kept
 
     if not scheme.extrapolated:
-        return observed(grid, number)
-    return extrapolated(observed(grid, number), observed(grid.halved, 2 * number))
+        return observed(grid, instant)
+    return extrapolated(observed(grid, instant), observed(grid.halved, 2 * jnp.asarray(instant)))
 
 
 def measured(kind: str, row: Any, observed: tuple[Any, ...], system: System) -> Float[Array, ""]:

@@ -19,7 +19,6 @@ from jaxpound.reliability.limit_state import LimitState, state_of
 from jaxpound.reliability.result import RareEvent
 from jaxpound.reliability.subset import SubsetSearch, simulated
 from jaxpound.results.named import REQUIRED_GAP, DemandSpec
-from jaxpound.scenarios import sampling
 from jaxpound.scenarios.scenarios import ScenarioSet
 
 _METHODS = ("auto", "design points", "subset")
@@ -167,7 +166,6 @@ def event_of(
 ) -> RareEvent:
     """``rare_event`` of a limit state."""
     require_share("cov", cov)
-    sampling.key_numbers(key)  # refuses a wrong key
     start, most = options.start_of(state), options.max_runs
     subset, why = choice(state, options.method)
     runs = gradients = 0

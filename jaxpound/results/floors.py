@@ -131,8 +131,7 @@ def floor_demands(structures: Structures, found: Demand) -> tuple[FloorDemands, 
             rule = f"has {count} {name}; it must be of these structures, which have {n}"
             raise InvalidInput("found", "", rule)
     if [rod.peak_drift is not None for rod in found.rods] != [*map(is_storey, topology.rods)]:
-        rule = "must be of these structures, but is of other storeys"
-        raise InvalidInput("found", "", rule)
+        raise InvalidInput("found", "", "must be of these structures, but is of other storeys")
     sizes = [len(building) for building in floors(topology)]
     buildings = getattr(structures, "buildings", sizes)  # only those in SI have heights
     heights = [getattr(x, "heights", ())[:n] for x, n in zip(buildings, sizes, strict=True)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import re
 import reprlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial, reduce
 from typing import Any
 
@@ -231,25 +231,16 @@ def all_demands(system: System, demand: Demand) -> dict[str, Any]:
     return demand.scalars() | over_all(system, demand) | required_gaps(system, demand)
 
 
-def limited_values(
-    system: System,
-    demand: Demand,
-    slip_forces: Sequence[Any],
-    viscous: Sequence[Any] = (),
-    of_inerters: Sequence[Any] = (),
-) -> dict[str, Any]:
-    """The ``limitable_demands`` of a run by name, among other scalars.
-
-    ``slip_forces`` are those of the links, ``viscous`` are the ``viscous_forces`` and
-    ``of_inerters`` the ``inertances``, in the units of the demand.
-    """
-    n = len(slip_forces)
+def limited_values(system: System, demand: Demand) -> dict[str, Any]:
+    """The ``limitable_demands`` of a run by name, among other scalars; in one system of units."""
+    slip_forces = [link.friction for link in system.links]
+    n, forces = len(slip_forces), [*slip_forces, *viscous_forces(system)]
     return (
         demand.scalars()
         | over_all(system, demand)
         | {name: jnp.abs(x) for name, x in demand.flat("residual_offset").items()}
         | {of_link(_DAMPER, k, n): x for k, x in enumerate(slip_forces)}
-        | {_ALL_DAMPERS: sum([*slip_forces, *viscous]), _INERTANCE: sum(of_inerters)}
+        | {_ALL_DAMPERS: sum(forces), _INERTANCE: sum(inertances(system))}
     )
 
 

@@ -129,8 +129,7 @@ class TwoSided(Checked):
         super().__post_init__()
         require_share("negative", self.negative)
         if ndtr(self.size.to_normal(0.0)) != 0:
-            rule = "must have positive numbers only"
-            raise InvalidInput("size", repr(self.size), rule)
+            raise InvalidInput("size", repr(self.size), "must have positive numbers only")
 
     def from_normal(self, z: Any) -> Any:
         """Minus or plus the size, which grows with the distance of z from Φ⁻¹(negative)."""

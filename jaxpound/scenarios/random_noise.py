@@ -64,8 +64,7 @@ class NoiseDraw(Checked, GroundDraw):
         """Standard normal numbers as floats; an ``InvalidInput`` for another shape."""
         z = jnp.asarray(_checks.real("z", z))
         if z.shape != (dimension,):
-            rule = f"of shape {z.shape} must be of shape ({dimension},)"
-            raise InvalidInput("z", "", rule)
+            raise InvalidInput("z", "", f"of shape {z.shape} must be of shape ({dimension},)")
         return z.astype(jnp.result_type(float, z))
 
 

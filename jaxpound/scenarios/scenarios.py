@@ -132,8 +132,7 @@ class Scenarios(Composed):
         if isinstance(nominal, Structures):  # else each run checks the unit of time
             require_time_unit("ground", self.ground, si=in_si(nominal))
         if not self.dimension:
-            rule = "are both fixed; one must be drawn"
-            raise InvalidInput("structures and ground", "", rule)
+            raise InvalidInput("structures and ground", "", "are both fixed; one must be drawn")
         parameter_names(self)
 
     def _parts(self) -> Sequence[Any]:
@@ -246,8 +245,7 @@ class CustomDraw:
         if names and len(set(names)) != n:
             raise InvalidInput("names", str(names), f"must be {n} different names")
         if not all(is_whole(i) and 0 <= i < n for i in discrete):
-            rule = f"must be indices from 0 to {n - 1}"
-            raise InvalidInput("discrete", str(discrete), rule)
+            raise InvalidInput("discrete", str(discrete), f"must be indices from 0 to {n - 1}")
         vars(self).update(names=names, discrete=discrete)
 
     def draw(self, z: Float[Array, " d"]) -> Any:

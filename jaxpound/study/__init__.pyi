@@ -11,8 +11,8 @@ from .run import monte_carlo as monte_carlo
 from .sensitivity import Sensitivity as Sensitivity
 from .sensitivity import sobol_sensitivity as sobol_sensitivity
 from .spectrum import InelasticSpectrum as InelasticSpectrum
+from .spectrum import SpectralAcceleration as SpectralAcceleration
 from .spectrum import inelastic_spectrum as inelastic_spectrum
 from .statistics import Estimate as Estimate
-from .storage import SpectralAcceleration as SpectralAcceleration
 from .storage import Storage as Storage
 from .study import Study as Study

@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,6 @@ from jaxpound._checks import refusal
 from jaxpound._errors import InvalidInput
 from jaxpound._xla.batches import even_share, in_chunks, runs_at_a_time
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ground
-from jaxpound.ground.plausibility import first_of
 from jaxpound.ground.run_input import as_run
 from jaxpound.model.system import gravity_of
 from jaxpound.results.demand import Demand
@@ -137,12 +135,6 @@ class Task:
         """Points of samples by their indices, shape (n, d)."""
         draw = _draw(self.sampling, self.key, self.scenarios.dimension)
         return np.concatenate([draw(part.start, part.stop) for part in rows])
-
-    def first_grounds(self) -> Ground:
-        """Ground motions of the first scenarios, to be checked before the runs."""
-        program = partial(sets.grounds_at, self.scenarios, self.grid)
-        z = self.points([range(first_of(self.n, self.grid))])
-        return cached("grounds", self.fingerprint, program)(z)
 
     def finish(self, chunk: int) -> Outcome:
         """Run a chunk and store it; only read a chunk that a lost worker has stored already."""

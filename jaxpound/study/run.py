@@ -22,12 +22,12 @@ from tqdm.auto import tqdm
 from jaxpound._checks import count, require_memory
 from jaxpound._errors import InvalidInput, resumable, warn
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.plausibility import of_many
+from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import is_closable
 from jaxpound.results.named import PAIR
 from jaxpound.scenarios.sampling import key_numbers, require_sampling
-from jaxpound.scenarios.scenarios import ScenarioSet, structures_of, topology_of
+from jaxpound.scenarios.scenarios import ScenarioSet, grounds_at, structures_of, topology_of
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.store.store import Store, describe
 from jaxpound.study.chunk import Columns, Outcome, Task, cached, finished, total
@@ -125,7 +125,9 @@ def monte_carlo(
     task = task.identified(identity)
     _require_memory(task, len(chunks))
     context = _context(task)
-    warn(findings + of_many(task.first_grounds(), grid, in_g=True), strict)
+    first = task.points([range(first_of(task.n, grid))])
+    grounds = cached("grounds", task.fingerprint, partial(grounds_at, scenarios, grid))(first)
+    warn(findings + of_many(grounds, grid, in_g=True), strict)
     moments: dict[int, dict[str, Moments]] = {}
     stored = None
     if storage.folder is not None:

@@ -1,4 +1,4 @@
-"""Inelastic response spectra: bilinear oscillators over their natural periods."""
+"""Response spectra: a value of one as a measure of a study, and those of bilinear oscillators."""
 
 from __future__ import annotations
 
@@ -11,22 +11,66 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound import _checks
-from jaxpound._checks import Rule, all_hold, enforce, instance, number, positive
+from jaxpound._checks import Rule, all_hold, enforce, instance, number, positive, positive_number
 from jaxpound._errors import InvalidInput
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.intensity import damping_rule, spectral_acceleration
-from jaxpound.ground.motion import require_seconds
+from jaxpound.ground.measure import Measure
+from jaxpound.ground.motion import GroundLike, require_seconds
 from jaxpound.ground.record import Record
+from jaxpound.ground.run_input import as_run
 from jaxpound.model.building import PERIOD, Building
 from jaxpound.model.hysteresis import Bilinear
-from jaxpound.quantities import STANDARD_GRAVITY
+from jaxpound.model.system import Structures, gravity_of, in_si
+from jaxpound.quantities import STANDARD_GRAVITY, unit
 from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.time_steps import record_grid
 
 _TAU_F = 2e-4  # over the period: the rod is a spring and a dashpot to four digits
 _TRIED, _LEVELS = 40, 3  # strengths between two, and how often the search narrows them
+
+
+@dataclasses.dataclass(frozen=True)
+class SpectralAcceleration:
+    """Pseudo-spectral acceleration at a period, with 5 % of damping: one of ``measures``.
+
+    Of ``Buildings`` it is in m/s², else in g; ``period`` is in the unit of time of the run.
+
+    Examples
+    --------
+    >>> grid, steel = jp.TimeGrid.until(8.0, dt=0.1), jp.paper.structures()
+    >>> wavelets = jp.RandomRicker(1, jp.Uniform(0.01, 0.1), jp.Uniform(2, 3), jp.Uniform(2, 4))
+    >>> at_2 = jp.study.SpectralAcceleration.of(steel, period=2.0, grid=grid)
+    >>> scenarios, kept = jp.Scenarios(steel, wavelets), jp.Storage(measures={"sa": at_2})
+    >>> study = jp.monte_carlo(scenarios, 16, grid, store=kept, progress=False)
+    >>> str(study.measure("sa")), bool((study["sa"] > 0).all())
+    ('Sa(2 1/ω1) (g)', True)
+    """
+
+    measure: str
+    """The measure of intensity with its unit, by which curves and hazards know it."""
+    period: float
+    grid: TimeGrid
+
+    @classmethod
+    def of(cls, structures: Any, period: float, grid: TimeGrid) -> SpectralAcceleration:
+        """That of a study of these structures, whose runs have this grid.
+
+        Raises ``ValueError`` for a period that is not positive, and for another grid or structures.
+        """
+        instance("structures", structures, Structures)
+        (period,) = positive_number(period=period)
+        instance("grid", grid, TimeGrid)
+        of_time, of_acceleration = (unit(x, in_si(structures)) for x in ("time", "acceleration"))
+        measure = Measure.spectral_acceleration(period, of_time, of_acceleration)
+        return cls(str(measure), period, grid)
+
+    def __call__(self, structures: Any, ground: GroundLike) -> jax.Array:
+        """The value in a scenario."""
+        motion = as_run(ground, self.grid, gravity_of(structures))
+        return spectral_acceleration(motion, self.grid, period=self.period)
 
 
 class InelasticSpectrum(NamedTuple):

@@ -12,18 +12,8 @@ from pathlib import Path
 from types import NoneType
 from typing import Any
 
-import jax
-
-from jaxpound._checks import instance, positive_number
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, parameter, part
-from jaxpound.grid import TimeGrid
-from jaxpound.ground.intensity import spectral_acceleration
-from jaxpound.ground.measure import Measure
-from jaxpound.ground.motion import GroundLike
-from jaxpound.ground.run_input import as_run
-from jaxpound.model.system import Structures, gravity_of, in_si
-from jaxpound.quantities import unit
 from jaxpound.store.store import MANIFEST, Store
 
 _SMALLEST, _LARGEST, _CHUNKS = 32, 16_384, 8  # samples of a chunk, and chunks at least
@@ -81,13 +71,11 @@ class Storage(Checked):
         object.__setattr__(self, "measures", dict(self.measures))
         for name, measure in self.measures.items():
             if not callable(measure):
-                rule = "must be a function"
-                raise InvalidInput(f"measures[{name!r}]", repr(measure), rule)
+                raise InvalidInput(f"measures[{name!r}]", repr(measure), "must be a function")
         try:
             json.dumps(self.notes, allow_nan=False)
         except (TypeError, ValueError) as error:
-            rule = f"must be what JSON can hold ({error})"
-            raise InvalidInput("notes", "", rule) from error
+            raise InvalidInput("notes", "", f"must be what JSON can hold ({error})") from error
         shard = self.shard
         pair = isinstance(shard, tuple) and len(shard) == 2
         if not (pair and all(isinstance(x, int) for x in shard) and 1 <= shard[0] <= shard[1]):
@@ -102,44 +90,3 @@ class Storage(Checked):
         if self.folder is not None and os.path.lexists(Path(self.folder) / MANIFEST):
             return Store(self.folder).chunk_size
         return min(max(_SMALLEST, 2 ** int(math.log2(n / _CHUNKS))), _LARGEST)
-
-
-@dataclasses.dataclass(frozen=True)
-class SpectralAcceleration:
-    """Pseudo-spectral acceleration at a period, with 5 % of damping: one of ``measures``.
-
-    Of ``Buildings`` it is in m/s², else in g; ``period`` is in the unit of time of the run.
-
-    Examples
-    --------
-    >>> grid, steel = jp.TimeGrid.until(8.0, dt=0.1), jp.paper.structures()
-    >>> wavelets = jp.RandomRicker(1, jp.Uniform(0.01, 0.1), jp.Uniform(2, 3), jp.Uniform(2, 4))
-    >>> at_2 = jp.study.SpectralAcceleration.of(steel, period=2.0, grid=grid)
-    >>> scenarios, kept = jp.Scenarios(steel, wavelets), jp.Storage(measures={"sa": at_2})
-    >>> study = jp.monte_carlo(scenarios, 16, grid, store=kept, progress=False)
-    >>> str(study.measure("sa")), bool((study["sa"] > 0).all())
-    ('Sa(2 1/ω1) (g)', True)
-    """
-
-    measure: str
-    """The measure of intensity with its unit, by which curves and hazards know it."""
-    period: float
-    grid: TimeGrid
-
-    @classmethod
-    def of(cls, structures: Any, period: float, grid: TimeGrid) -> SpectralAcceleration:
-        """That of a study of these structures, whose runs have this grid.
-
-        Raises ``ValueError`` for a period that is not positive, and for another grid or structures.
-        """
-        instance("structures", structures, Structures)
-        (period,) = positive_number(period=period)
-        instance("grid", grid, TimeGrid)
-        of_time, of_acceleration = (unit(x, in_si(structures)) for x in ("time", "acceleration"))
-        measure = Measure.spectral_acceleration(period, of_time, of_acceleration)
-        return cls(str(measure), period, grid)
-
-    def __call__(self, structures: Any, ground: GroundLike) -> jax.Array:
-        """The value in a scenario."""
-        motion = as_run(ground, self.grid, gravity_of(structures))
-        return spectral_acceleration(motion, self.grid, period=self.period)

@@ -177,8 +177,7 @@ class Study(Columnar, Shown):
     def _column(self, name: str) -> str:
         """The name of an existing column; an ``InvalidInput`` for any other name."""
         if name not in self._moments:
-            rule = f"must be one of {', '.join(self._moments)}"
-            raise InvalidInput(f"column {name!r}", "", rule)
+            raise InvalidInput(f"column {name!r}", "", f"must be one of {', '.join(self._moments)}")
         return name
 
     def _read(self, *names: str) -> np.ndarray:
@@ -217,8 +216,7 @@ class Study(Columnar, Shown):
         if isinstance(weights, str):
             column = self._moments[self._column(weights)]
             if column.n != len(self) - self.failed:
-                rule = "must be finite in every run that did not fail"
-                raise InvalidInput("weights", "", rule)
+                raise InvalidInput("weights", "", "must be finite in every run that did not fail")
             require_weights(np.array([column.smallest, column.largest]))
         else:
             weights = array("weights", weights, (len(self),))
@@ -327,9 +325,7 @@ class Study(Columnar, Shown):
         self, gap: float | None = None, confidence: float = 0.95, *, link: int | None = None
     ) -> Estimate:
         """Probability of ``pounding``, with Clopper and Pearson's interval."""
-        require_share("confidence", confidence)
-        hits = self._hits(self._pounding(gap, link))
-        return hits.estimate(self.normalised, confidence)
+        return self._hits(self._pounding(gap, link)).estimate(self.normalised, confidence)
 
     def pounding_cov(self, gap: float | None = None, *, link: int | None = None) -> float:
         """Coefficient of variation of ``pounding_probability``, to first order; NaN if it is 0."""
@@ -392,8 +388,7 @@ class Study(Columnar, Shown):
             rule = "must have a finite gap and no law of contact, for its required gap to be known"
             raise InvalidInput("link", str(link), rule)
         if name == "min_gap" and not self._moments[column].n and self.failed < len(self):
-            rule = "must have a finite gap, or it never pounds"
-            raise InvalidInput("link", str(link), rule)
+            raise InvalidInput("link", str(link), "must have a finite gap, or it never pounds")
         return column
 
     def required_gap(
@@ -405,7 +400,6 @@ class Study(Columnar, Shown):
         pounds with this probability. Raises ``ValueError`` if the required gap is unknown.
         """
         require_share("probability", probability)
-        require_share("confidence", confidence)
         name = self._column_of_link("required_gap", link)
         return self.quantile(name, 1 - probability, confidence)
 

@@ -8,8 +8,11 @@ import pytest
 
 import jaxpound as jp
 from jaxpound.model.places import link_places
-from jaxpound.reliability.instants import chosen_instants, measured, observed_at, series_of
+from jaxpound.reliability import instants
+from jaxpound.reliability.instants import chosen_instants, measured, series_of
 from tests.made import row_of
+
+observed_at = jax.jit(instants.observed_at, static_argnums=(0, 3, 4))
 
 PAPER, GROUND, SCHEME = jp.paper.structures(), jp.paper.ground(), jp.Scheme()
 GRID = jp.TimeGrid.until(6.0, dt=0.04)

@@ -20,8 +20,7 @@ def test_every_limited_demand_has_a_value_a_unit_and_words(structures):
     run = row_response(structures, time, lambda i, t: 0.1 * (i + 1) * t)
     names = named.limitable_demands(system)
     assert len(set(names)) == len(names)
-    frictions = [link.friction for link in system.links]
-    assert {*names} <= {*named.limited_values(system, run.demand, frictions)}
+    assert {*names} <= {*named.limited_values(system, run.demand)}
     for name in names:
         quantity = named.quantity_named(name)
         assert quantity.limited
