@@ -12,6 +12,7 @@ from .noise import KanaiTajimi as KanaiTajimi
 from .noise import PlateauEnvelope as PlateauEnvelope
 from .reader import read_record as read_record
 from .record import Record as Record
+from .sequences import sequence as sequence
 from .suite import RecordSuite as RecordSuite
 from .suite import read_suite as read_suite
 from .target import PeriodRange as PeriodRange

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import reduce
 from itertools import chain
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
@@ -14,6 +15,7 @@ from jaxtyping import Array, ArrayLike
 
 from jaxpound._checks import Rule, enforce, finite, instead, is_traced, number, real
 from jaxpound._errors import InvalidInput
+from jaxpound._extrema import larger
 from jaxpound._fields import check, parameter, part, pytree_dataclass
 from jaxpound.grid import TimeGrid
 
@@ -40,6 +42,9 @@ class Ground(Protocol):
       the value of u'' in the middle of the step, which is as accurate where u'' is smooth. The
       velocity of the ground in a ``Response`` is exact, too.
     - ``unresolved(dt)``: sentences on the parts of the motion that steps of dt do not resolve.
+
+    An attribute ``duration``, the time after which it is over, lets others follow it in a
+    ``sequence``.
 
     If the object is a pytree of arrays, as in the example, the time loop calls its methods; before
     the run ``unresolved`` is asked. Any other object, and a plain function, is evaluated at the
@@ -208,6 +213,10 @@ class GroundMotion(Addable["Sum", "Scaled"]):
         """The motion in m/s²: records are in g, and motions without a unit of time in m/s²."""
         return Scaled(self, gravity) if self.time_unit else self
 
+    def _later(self, delay: Any) -> GroundMotion:
+        """The motion as a part of a sequence, in which its t = 0 is at ``delay``."""
+        return _Late(self, delay)
+
     def _make_sum(self, *terms: Any) -> Sum:
         if any(hasattr(term, "draw") for term in terms):  # a random motion makes the sum
             return NotImplemented
@@ -225,9 +234,13 @@ class _UserMotion(GroundMotion):
         methods = {name: getattr(ground, name, None) for name in ("velocity", "unresolved")}
         methods["acceleration"] = ground.acceleration if isinstance(ground, Ground) else ground
         vars(self).update({name: method for name, method in methods.items() if callable(method)})
+        self.duration = getattr(ground, "duration", None)
 
     def in_si(self, gravity: Any) -> Any:
         return self._ground  # in m/s² already, and perhaps a pytree
+
+    def _later(self, delay: Any) -> GroundMotion:
+        return _Late(self._ground, delay)
 
 
 def as_motion(ground: GroundLike) -> GroundMotion:
@@ -236,7 +249,7 @@ def as_motion(ground: GroundLike) -> GroundMotion:
 
 
 class _Combination(GroundMotion):
-    """A sum or scaling: its values are those of its terms, combined."""
+    """A sum, scaling or sequence: its values are those of its terms, combined."""
 
     _terms: Callable[[], list[GroundMotion]]
     _combined: Callable[[Sequence[Any]], Any]
@@ -264,17 +277,33 @@ class _Combination(GroundMotion):
     def samples_at(self, t: np.ndarray) -> Any:
         return self._combined([ground.samples_at(t) for ground in self._terms()])
 
+    @property
+    def duration(self) -> Any:
+        """Time after which all is over; None if a part's is unknown."""
+        ends: list[Any] = [getattr(ground, "duration", None) for ground in self._terms()]
+        if any(end is None for end in ends):
+            return None
+        return reduce(larger, ends) if is_traced(ends) else max(ends)
+
     def parts(self) -> Iterator[GroundMotion]:
         return chain.from_iterable(ground.parts() for ground in self._terms())
 
     def unresolved(self, dt: float) -> list[str]:
         return [finding for ground in self._terms() for finding in ground.unresolved(dt)]
 
+    def energy(self, since: float) -> float | None:
+        """Sum over the parts, as if they were independent."""
+        energies = [ground.energy(since) for ground in self._terms()]
+        return None if None in energies else sum(energies)  # type: ignore[arg-type]
+
     def dimensionless(self, frequency: Any) -> Any:
         return self._of_terms(lambda ground: ground.dimensionless(frequency))
 
     def in_si(self, gravity: Any) -> Any:
         return self._of_terms(lambda ground: ground.in_si(gravity))
+
+    def _later(self, delay: Any) -> GroundMotion:
+        return self._of_terms(lambda ground: ground._later(delay))
 
 
 @pytree_dataclass
@@ -291,11 +320,6 @@ class Sum(_Combination):
             require_ground(f"grounds[{i}]", ground)
         records = enumerate(records_in(self), 1)
         require_one_time_unit({f"grounds, record {i}": x for i, x in records})
-
-    def energy(self, since: float) -> float | None:
-        """Sum over the parts, as if they were independent."""
-        energies = [ground.energy(since) for ground in self._terms()]
-        return None if None in energies else sum(energies)  # type: ignore[arg-type]
 
     def _terms(self) -> list[GroundMotion]:
         return [as_motion(ground) for ground in self.grounds]
@@ -335,6 +359,39 @@ class Scaled(_Combination):
 
     def _of_terms(self, convert: Callable[[GroundMotion], GroundMotion]) -> Scaled:
         return Scaled(convert(as_motion(self.ground)), self.factor)
+
+
+@pytree_dataclass
+class _Late(GroundMotion):
+    """A ground motion, as it is from its own t = 0 on, that begins at ``delay``, after rest."""
+
+    ground: Any = part()
+    delay: Any = parameter("", "time", "delay", single=True)
+
+    @property
+    def velocity(self) -> Any:  # type: ignore[override]
+        """u'(t), from rest; None if it is unknown."""
+        if (velocity := as_motion(self.ground).velocity) is None:
+            return None
+        return lambda t: velocity(since := self._since(t)) - velocity(0 * since)
+
+    def acceleration(self, t: ArrayLike) -> Any:
+        return jnp.where(self._begun(t), as_motion(self.ground).acceleration(self._since(t)), 0.0)
+
+    def samples_at(self, t: np.ndarray) -> Any:
+        since = self._since(t)
+        since = since if is_traced(since) else np.asarray(since)
+        return jnp.where(self._begun(t), as_motion(self.ground).samples_at(since), 0.0)
+
+    def unresolved(self, dt: float) -> list[str]:
+        return as_motion(self.ground).unresolved(dt)
+
+    def _begun(self, t: ArrayLike) -> Any:
+        # An instant of the grid may be rounded to just before it.
+        return jnp.asarray(t) >= (1 - 1e-6) * self.delay
+
+    def _since(self, t: ArrayLike) -> Any:
+        return (jnp.asarray(t) - self.delay).clip(0)
 
 
 def mean_acceleration(velocity: Callable[[Any], Any], t: Any, h: float) -> Any:

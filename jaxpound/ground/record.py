@@ -232,6 +232,10 @@ class Record(motion.GroundMotion):
         motion.require_seconds("record", self)
         return self._with(self.samples, self.dt * frequency, time_unit=motion.DIMENSIONLESS)
 
+    def _later(self, delay: Any) -> _LateRecord:
+        fields = vars(self) | {"delay": delay + getattr(self, "delay", 0.0)}
+        return unchecked(_LateRecord, **fields)
+
     def _with(self, samples: Any, dt: Any = None, **fields: Any) -> Record:
         """Other samples, in g; of the same interval, name and unit of time by default."""
         fields = {name: getattr(self, name) for name in _KEPT} | fields
@@ -263,6 +267,24 @@ class Record(motion.GroundMotion):
         times = f"dt = {float(self.dt):.6g} {unit}, duration {duration:.6g} {unit}"
         numbers = [f"{self.n_samples} samples", times, f"peak {peak:.4g} g"]
         return f"Record({title}{', '.join([*numbers, *self.notes])})"
+
+
+@pytree_dataclass
+class _LateRecord(Record):
+    """A record as a part of a sequence: its first sample is at ``delay``."""
+
+    delay: Any = parameter("", "time", "delay", default=0.0)
+
+    @property
+    def duration(self) -> Any:
+        """Time of the last sample."""
+        return self.delay + super().duration
+
+    def energy(self, since: float) -> float:
+        return super().energy(since - float(self.delay))
+
+    def _place(self, t: ArrayLike) -> tuple[jax.Array, jax.Array, jax.Array]:
+        return super()._place(jnp.asarray(t) - self.delay)
 
 
 def stated_unit(units: str) -> str:

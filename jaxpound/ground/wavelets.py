@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from jaxpound._checks import is_traced
 from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import check, parameter, pytree_dataclass, static
@@ -18,6 +20,7 @@ from jaxpound.ground import motion
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, Excitation, GroundMotion
 from jaxpound.quantities import STANDARD_GRAVITY
 
+TAIL = 2  # periods after its centre a Ricker wavelet is over: below 1e-13 of its peak
 STEPS_PER_WAVELET = 8  # a sine's mean over an eighth of its period is 2.6 % below its middle
 
 
@@ -69,6 +72,12 @@ class Ricker(GroundMotion):
             rule = f"must be one number or, like periods, of shape {periods}"
             raise InvalidInput(f"amplitude of shape {amplitude}", "", rule)
 
+    @property
+    def duration(self) -> Any:
+        """Time after which the last wavelet is over, two periods after its centre."""
+        ends = self.arrivals + TAIL * self.periods
+        return jnp.max(ends) if is_traced(ends) else np.max(ends)
+
     def displacement(self, t: ArrayLike) -> jax.Array:
         """u(t), of the shape of ``t``."""
         return self._sum(t, lambda a, s, v: 2 * v - 1)
@@ -112,6 +121,9 @@ class Ricker(GroundMotion):
         rate, later = np.pi / np.asarray(self.periods), np.asarray(self.arrivals) >= since
         each = 105 / 4 * np.sqrt(np.pi / 2) * np.asarray(self.amplitude) ** 2 * rate**3
         return float(np.sum(each * later))
+
+    def _later(self, delay: Any) -> Ricker:
+        return Ricker(self.amplitude, self.periods, self.arrivals + delay)
 
     def _sum(self, t: ArrayLike, shape: Callable[..., Any]) -> jax.Array:
         t = jnp.asarray(t)
@@ -169,6 +181,11 @@ class Pulse(GroundMotion):
         object.__setattr__(self, "time_unit", motion.time_unit_of(self.time_unit))
         check(self)
 
+    @property
+    def duration(self) -> Any:
+        """Time at which it ends."""
+        return self.arrival + self.cycles * self.period / 2
+
     def displacement(self, t: ArrayLike) -> jax.Array:
         """u(t), from rest, the exact integral of the velocity, of the shape of ``t``."""
         s, w = self._inside(t)
@@ -209,6 +226,9 @@ class Pulse(GroundMotion):
         motion.require_seconds("pulse", self)
         times = self.period * frequency, self.arrival * frequency
         return Pulse(self._size * frequency, *times, self.phase, self.cycles, DIMENSIONLESS)
+
+    def _later(self, delay: Any) -> Pulse:
+        return dataclasses.replace(self, arrival=self.arrival + delay)
 
     @property
     def _size(self) -> Any:

@@ -20,14 +20,16 @@ from jaxtyping import Float
 from tqdm.auto import tqdm
 
 from jaxpound._checks import Rule, array, enforce, instance, number, positive, require_memory
-from jaxpound._errors import InvalidInput, caller, warn
+from jaxpound._errors import InvalidInput, caller, renamed, warn
 from jaxpound._xla.batches import in_chunks, runs_at_a_time
 from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.measure import Measure
+from jaxpound.ground.motion import GroundLike, GroundMotion, Scaled, require_ground
 from jaxpound.ground.plausibility import LARGE_PGA, unseen
 from jaxpound.ground.record import Record, derived, stacked
 from jaxpound.ground.run_input import require_time_unit
+from jaxpound.ground.sequences import sequence
 from jaxpound.ground.suite import RecordSuite, as_suite
 from jaxpound.model.system import common_gap, without_contact
 from jaxpound.results import named
@@ -70,6 +72,11 @@ class Analysis:
         the factor), which must be proportional to its factor.
     demand
         See ``LimitState``.
+    mainshock, rest
+        A ground motion before each record, which is then its aftershock, and the quiet time between
+        them, s, as of ``jp.ground.sequence``. The factor and the intensity are those of the
+        aftershock alone; the demand is that of both, and the threshold one that the mainshock alone
+        does not reach. By default there is no mainshock.
     threshold
         A record reaches it if the demand is at least as large; in SI units. None, for the required
         gap only, is pounding: the gap at rest of all links. Where they differ, the demand is the
@@ -85,6 +92,8 @@ class Analysis:
     measure: Any = "pga"
     demand: DemandSpec = REQUIRED_GAP
     threshold: float | None = None
+    mainshock: GroundLike | None = None
+    rest: float | None = None
     scheme: Scheme = Scheme()
     strict: bool = False
 
@@ -96,12 +105,19 @@ class Analysis:
         instance("scheme", self.scheme, Scheme)
         for record in self.suite:
             require_time_unit("records", record, si=True)
+        if self.mainshock is None and self.rest is not None:
+            raise InvalidInput("rest", repr(self.rest), "must be None, as there is no mainshock")
+        if self.mainshock is not None:
+            require_ground("mainshock", self.mainshock)
+            require_time_unit("mainshock", self.mainshock, si=True)
         grid, n = self.time_grid, len(self.suite)
         structures = self.run_structures
         require_stable(structures, self.scheme, grid.dt)
         doubts = imprecise(structures.system(), grid, self.unscaled)
+        if self.mainshock is not None:
+            doubts += unseen(self.mainshock, grid, strict=self.strict)
         for record in self.suite:
-            doubts += unseen(record, grid, strict=self.strict)
+            doubts += unseen(self.after_mainshock(record, 0.0), grid, strict=self.strict)
         warn(doubts, self.strict)
         require_memory("records", n, n * grid.n_steps * 16)
         jax.eval_shape(self.value, 0, 1.0)
@@ -133,7 +149,12 @@ class Analysis:
         longest = max(self.suite, key=lambda record: float(record.duration))
         names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
         options: Any = {"strict": self.strict, "place": f"records: {names}"}
-        return record_grid(self.run_structures, self.scheme, [*self.suite], **options)
+        records = [*self.suite]
+        if self.mainshock is not None:
+            whole: Any = self.after_mainshock(longest)
+            options["duration"] = whole.duration
+            records += [part for part in whole.parts() if isinstance(part, Record)]
+        return record_grid(self.run_structures, self.scheme, records, **options)
 
     @property
     def unscaled(self) -> np.ndarray:
@@ -188,6 +209,13 @@ class Analysis:
         scaled_up = f"records: {self.suite.names[i]!r} times {factors[i]:.4g} has a PGA of"
         return [f"{scaled_up} {peaks[i]:.4g} g; it should be at most {LARGE_PGA:.0f} g"]
 
+    def after_mainshock(self, ground: GroundMotion, scale: float = 1.0) -> GroundMotion:
+        """A ground motion after the mainshock times a factor, or alone if there is none."""
+        if self.mainshock is None:
+            return ground
+        with renamed(names={"grounds[0]": "mainshock"}):
+            return sequence((Scaled(self.mainshock, scale), ground), self.rest)
+
     @cached_property
     def run_structures(self) -> Any:
         """The structures; where pounding is sought, without laws of contact."""
@@ -198,7 +226,7 @@ class Analysis:
         """The demand of a record, by its number, times a factor; traceable."""
         # Padded with zeros: the ground is at rest after a record.
         samples, interval = (jnp.asarray(x)[record] for x in stacked([*self.suite]))
-        ground = factor * Record(samples, interval)
+        ground = self.after_mainshock(factor * Record(samples, interval))
         result = demand(self.run_structures, ground, self.time_grid, self.scheme)
         spec = self.event[0] if isinstance(self.demand, str) else self.demand
         return named.value_of(self.run_structures.system(), result, spec)
@@ -254,6 +282,8 @@ class SuiteRuns:
             search = "runs of a suite", _COLUMNS, _ROWS, program_digest(analysis.value, 0, 1.0)
             inputs: Any = {"demand": analysis.event[0], "records": stacked([*analysis.suite])}
             inputs |= {"structures": analysis.run_structures, "grid": analysis.time_grid}
+            if analysis.mainshock is not None:
+                inputs |= {"mainshock": analysis.mainshock, "rest": analysis.rest}
             self._log = RunLog(store, identity(*search, **inputs, scheme=analysis.scheme))
         stored = self._log.rows if self._log else dict.fromkeys(_COLUMNS, np.empty(0))
         *runs, demands = (stored[name].tolist() for name in _COLUMNS)

@@ -129,8 +129,8 @@ def incremental_dynamic_analysis(
     Raises
     ------
     ValueError
-        If an argument breaks its rule; if a record reaches the threshold without shaking; if the
-        store holds another analysis, with what differs.
+        If an argument breaks its rule; if the threshold is reached without shaking, or by the
+        mainshock alone; if the store holds another analysis, with what differs.
     FloatingPointError
         If a run ends in numbers that are not finite; the message names record and intensity.
     OSError
@@ -161,7 +161,8 @@ def incremental_dynamic_analysis(
         demands = demands.reshape(n, -1)
         excess = demands - runs.threshold
         if (excess[:, 0] >= 0).any():
-            rule = f"must be above {demands[:, 0].max():.6g}, what the demand is without shaking"
+            without = "without shaking" if analysis.mainshock is None else "after the mainshock"
+            rule = f"must be above {demands[:, 0].max():.6g}, what the demand is {without}"
             raise InvalidInput("threshold", f"{runs.threshold:.6g}", rule)
         capacities = by_sections(runs, Brackets.of(with_zero, excess), tolerance, demands.size)
         runs.bar.set_postfix_str(f"{n} of {n} records")

@@ -82,11 +82,11 @@ def simulate(
     scheme
         The discretisation; the default is second-order accurate through stick and slip.
     duration, dt
-        Of a grid that is chosen, in s. By default the duration is that of the longest record, and
-        must be stated without one. The step is by default the sample interval of the finest record,
-        or the largest 1/n of it, n whole, with at least 50 steps in the shortest of the buildings'
-        first periods and within half of the stability limit; without a record it also resolves
-        wavelets. It warns if a small τ_f makes the steps 20 times as many as else.
+        Of a grid that is chosen, in s. By default the duration is that of the longest record or of
+        a sequence, and must be stated without one. The step is by default the sample interval of
+        the finest record, or the largest 1/n of it, n whole, with at least 50 steps in the shortest
+        of the buildings' first periods and within half of the stability limit; without a record it
+        also resolves wavelets. It warns if a small τ_f makes the steps 20 times as many as else.
     initial
         Displacements and velocities at t = 0; by default all is at rest.
     strict

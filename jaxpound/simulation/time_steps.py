@@ -13,6 +13,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike, as_motion
 from jaxpound.ground.record import Record
 from jaxpound.ground.run_input import require_time_unit
+from jaxpound.ground.sequences import ShockSequence
 from jaxpound.model.system import Structures
 from jaxpound.simulation.scheme import Scheme, require_stable, stability_limit, stiffest_rod
 
@@ -39,14 +40,19 @@ def run_grid(
                 raise InvalidInput(name, repr(value), "must be None, since the grid has it")
         return grid
     records = [part for part in as_motion(ground).parts() if isinstance(part, Record)]
+    whole = ground.duration if isinstance(ground, ShockSequence) else None
     rule = "must be a TimeGrid"
     if not isinstance(structures, Buildings):
         raise InvalidInput("grid", "None", f"{rule}: it is chosen for Buildings only")
-    if is_traced((structures, [record.dt for record in records] or ground)):
+    if is_traced((structures, whole, [record.dt for record in records] or ground)):
         reason = "it follows from buildings, a record's dt and wavelets, of which some are traced; "
         reason += "TimeGrid.until(duration, dt) makes one"
         raise InvalidInput("grid", "None", f"{rule}: {reason}")
     require_time_unit("ground", ground, si=True)
+    if duration is None and isinstance(ground, ShockSequence) and whole is None:
+        rule = "must be stated in s, since that of the last ground motion is unknown"
+        raise InvalidInput("duration", "None", rule)
+    duration = whole if duration is None else duration
     if not records and duration is None:
         rule = "must be stated in s, since the ground motion has no record"
         raise InvalidInput("duration", "None", rule)
