@@ -37,6 +37,7 @@ from .ground import Ricker as Ricker
 from .ground import pga as pga
 from .ground import read_record as read_record
 from .ground import read_suite as read_suite
+from .ground import sequence as sequence
 from .ground import spectral_acceleration as spectral_acceleration
 from .hazard import Analysis as Analysis
 from .hazard import HazardCurve as HazardCurve

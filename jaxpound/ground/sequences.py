@@ -34,7 +34,7 @@ def sequence(grounds: Sequence[GroundLike], rest: Any) -> ShockSequence:
     --------
     >>> mainshock = jp.Record([0.0, 0.3, -0.2, 0.0], dt=0.5)
     >>> aftershock = jp.Record([0.0, 0.1, 0.1, -0.2, 0.0], dt=0.25)
-    >>> both = jp.ground.sequence([mainshock, 0.5 * aftershock], rest=20.0)
+    >>> both = jp.sequence([mainshock, 0.5 * aftershock], rest=20.0)
     >>> both.starts, both.duration
     ([0.0, 21.5], 22.5)
     >>> round(float(both.acceleration(22.25)), 3)  # half of -0.2 g

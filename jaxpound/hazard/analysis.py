@@ -74,7 +74,7 @@ class Analysis:
         See ``LimitState``.
     mainshock, rest
         A ground motion before each record, which is then its aftershock, and the quiet time between
-        them, s, as of ``jp.ground.sequence``. The factor and the intensity are those of the
+        them, s, as of ``jp.sequence``. The factor and the intensity are those of the
         aftershock alone; the demand is that of both, and the threshold one that the mainshock alone
         does not reach. By default there is no mainshock.
     threshold

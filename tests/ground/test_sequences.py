@@ -16,7 +16,7 @@ from tests.refusals import refusals, refused
 FINE = jp.Record([0.3, -0.2, 0.4, 0.1, -0.3], 0.25, "fine")  # neither end is zero
 WAVE = jp.Ricker([0.5, 0.2], [1.0, 0.5], [1.5, 2.0])
 PULSE = jp.Pulse(0.8, 1.5, 2.0, cycles=1.5, time_unit="s")
-sequence = jp.ground.sequence
+sequence = jp.sequence
 ALL = sequence([RECORD, -2 * FINE, 2 * WAVE + PULSE, Sine()], 3.0)
 STARTS = [0.0, 4.5, 8.5, 15.0]  # ends are at 1.5, 1.0 and 3.5 of each
 

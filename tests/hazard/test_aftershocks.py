@@ -33,7 +33,7 @@ def test_runs_are_sequences_of_which_only_the_aftershock_is_scaled():
     assert analysis.time_grid.duration == pytest.approx(whole, abs=0.02)
     stripes = jp.multiple_stripes(analysis, [0.2, 0.4], progress=False)
     for i, record in enumerate(SUITE):
-        ground = jp.ground.sequence([3 * MAINSHOCK, record.scaled_to_pga(0.4)], REST)
+        ground = jp.sequence([3 * MAINSHOCK, record.scaled_to_pga(0.4)], REST)
         single = jp.demand(LEANING, ground, analysis.time_grid).min_gap
         assert stripes.demands[1][i] == pytest.approx(0.06 - float(single), rel=1e-6)
     cloud = jp.cloud_analysis(analysis, progress=False)

@@ -24,7 +24,7 @@ def yielding(**law):
 
 
 def both(factor=1.0, rest=REST):
-    return jp.ground.sequence([MAINSHOCK, factor * AFTERSHOCK], rest)
+    return jp.sequence([MAINSHOCK, factor * AFTERSHOCK], rest)
 
 
 def test_an_elastoplastic_building_at_rest_again_is_a_new_building_that_leans():
@@ -84,7 +84,7 @@ def test_single_precision_and_a_shift_by_silence():
     assert single.min_gap.dtype == jnp.float32
     exact = float(jp.demand(pair, both(), GRID).min_gap)
     assert float(single.min_gap) == pytest.approx(exact, rel=1e-4)
-    silent = jp.ground.sequence([0.0 * MAINSHOCK, AFTERSHOCK], REST)
+    silent = jp.sequence([0.0 * MAINSHOCK, AFTERSHOCK], REST)
     later, alone = (jp.simulate(pair, ground, GRID).x1 for ground in (silent, AFTERSHOCK))
     np.testing.assert_allclose(later[START:], alone[: GRID.n_steps + 1 - START], atol=1e-9)
     assert not np.any(later[: START - 1])
