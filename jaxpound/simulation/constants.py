@@ -100,12 +100,20 @@ class StepConstants(NamedTuple):
         owed = None if self.damping is None else zero + 0 * self.damping.influence
         return RunState(x, v, rods, tuple(kind.start(zero, x, v) for kind in self.joints), owed)
 
-    def free_accelerations(self, forces: Sequence[jax.Array]) -> list[Any]:
-        """Accelerations −M⁻¹ Bᵀ f of the masses by the forces f of the rods alone."""
+    def free_accelerations(
+        self, forces: Sequence[jax.Array], damping: Sequence[Any] | None = None
+    ) -> list[Any]:
+        """Accelerations −M⁻¹ Bᵀ f of the masses by the forces f of the rods, and by damping."""
+        loads = self.loads(forces, damping)
         # As quotients XLA computes them once; it computes products again for each use.
-        return [
-            load_on(number, self.rod_ends, forces) / mass for number, mass in enumerate(self.masses)
-        ]
+        return [load / mass for load, mass in zip(loads, self.masses, strict=True)]
+
+    def loads(self, forces: Sequence[jax.Array], damping: Sequence[Any] | None = None) -> list[Any]:
+        """Loads −Bᵀ f on the masses by the forces f of the rods, and those of damping."""
+        loads = [load_on(mass, self.rod_ends, forces) for mass in range(len(self.masses))]
+        if damping is None:
+            return loads
+        return [load + more for load, more in zip(loads, damping, strict=True)]
 
     def accelerations(
         self, rods: Sequence[RodStep], v: Sequence[Any], owed: Any, now: Now, drag: Any = None
@@ -117,8 +125,7 @@ class StepConstants(NamedTuple):
         forces = [rod.kick for rod in rods]
         if (damping := self.damping) is None:
             return self.free_accelerations(forces), now.mean_ground
-        loads = [load_on(mass, self.rod_ends, forces) for mass in range(len(self.masses))]
-        return [*damping.accelerations(loads, v, now.mean_ground, owed, drag)], None
+        return [*damping.accelerations(self.loads(forces), v, now.mean_ground, owed, drag)], None
 
     def follow(
         self, y: Sequence[Any], closings: Sequence[Any], flows: Sequence[Any] = ()

@@ -127,6 +127,7 @@ class Instant(NamedTuple):
     groups: tuple[SeenGroup, ...]
     links: tuple[LinkInstant, ...]
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
+    damping: tuple[jax.Array, ...] | None  # forces on masses by damping that is no rod of results
 
     @property
     def forces(self) -> tuple[jax.Array, ...]:

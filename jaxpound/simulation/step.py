@@ -170,7 +170,8 @@ def observed(
         if law.viscosity is not None:
             at_rates[number] = rods[number]._replace(force=law.viscosity * along(ends, v))
     forces = tuple(rod.force for rod in at_rates)
-    free, groups = system.free_accelerations(forces), list[SeenGroup]()
+    damping = None if system.damping is None else system.damping.forces(v)
+    free, groups = system.free_accelerations(forces, damping), list[SeenGroup]()
     for kind, y, flow in zip(system.joints, moved, flows, strict=True):
         groups += kind.seen(y, flow, partial(kind.inertia, free, now.ground))
     links = {k: link for seen in groups for k, link in seen.links.items()}
@@ -183,4 +184,5 @@ def observed(
         groups=tuple(groups),
         links=tuple(links[k] for k in sorted(links)),
         needs_flow=needs_flow,
+        damping=damping,
     )
