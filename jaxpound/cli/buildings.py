@@ -21,7 +21,7 @@ from jaxpound.cli.reading import Form, Section, between, each, named, of_field, 
 from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
 from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
-from jaxpound.model.building import DAMPING, PERIOD
+from jaxpound.model.building import DAMPING, PERIOD, ROD
 from jaxpound.model.parameters import paths
 from jaxpound.model.row import LinkLabels, by_face, require_floors, require_heights
 from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER, storeys_of
@@ -49,6 +49,7 @@ _Stiffness = Annotated[float, of_field(jp.Building, "stiffness")]
 _Order = Annotated[float, of_field(jp.Building, "order")]
 _Relaxation = Annotated[float, of_field(jp.Building, "tau_f")]
 _Dashpot = Annotated[float, of_field(jp.Building, "dashpot")]
+_OrderOfStorey = _Order | Literal["spring"]
 _Period = Annotated[float, between(*PERIOD)]
 _Damping = Annotated[float, between(*DAMPING)]
 _Height = Annotated[float, between(*HEIGHT)]
@@ -106,7 +107,7 @@ class StoreySection(Section):
 
     masses: Annotated[list[_Mass], each(_Mass, alone=False)] | None = None
     stiffnesses: Annotated[_Stiffness | list[_Stiffness], each(_Stiffness)] | None = None
-    order: Annotated[_Order | list[_Order], each(_Order)] | None = None
+    order: Annotated[_Order | list[_OrderOfStorey], each(_OrderOfStorey)] | None = None
     tau_f: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
     tau_x: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
     heights: Annotated[_Height | list[_Height], each(_Height)] | None = None
@@ -128,6 +129,13 @@ class StoreySection(Section):
         values = self.stated()
         if self.damping is not None:
             values["damping"] = self.damping.model()
+        if isinstance(self.dashpots, list):
+            values["dashpots"] = [x or None for x in self.dashpots]
+        if isinstance(self.order, list) and "spring" in self.order:  # without numbers of a rod
+            for key in ROD:
+                listed = x if isinstance(x := values[key], list) else [x] * len(self.order)
+                rods = zip(self.order, listed, strict=False)
+                values[key] = [None if order == "spring" else x for order, x in rods]
         with named("", {"storey_mass": "mass"}):
             if "masses" in values:
                 named_counts = {"n_tuned": "tuned_masses", "n_bearings": "bearings"}
@@ -342,8 +350,9 @@ def as_toml(buildings: jp.Buildings) -> str:
         springs = [storey.order is None for storey in storeys]
         keys = ("mass", "stiffness") if all(springs) else _BY_ROD.needed
         series = {plural.get(key, key): [getattr(x, key) for x in storeys] for key in keys}
-        for key in keys[2:]:  # a rod without loss is a spring
-            series[key] = [1.0 if x else y for x, y in zip(springs, series[key], strict=True)]
+        for key in keys[2:]:
+            none = "spring" if key == "order" else 1.0  # which the file does not read
+            series[key] = [none if x else y for x, y in zip(springs, series[key], strict=True)]
         if any(storey.dashpot is not None for storey in storeys):
             series["dashpots"] = [storey.dashpot or 0.0 for storey in storeys]
         if isinstance(building, jp.ShearBuilding):

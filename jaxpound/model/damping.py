@@ -97,7 +97,7 @@ def frequency(masses: Sequence[Any], stiffnesses: Sequence[Any], mode: int) -> j
 
     def characteristic(matrix: Any, square: Any) -> tuple[Any, Any]:
         """The characteristic polynomial, but for its size, and how many roots are below."""
-        last, value, below = jnp.zeros_like(square), jnp.ones_like(square), 0
+        last, value, below = jnp.zeros_like(square), jnp.ones_like(square), jnp.asarray(0)
         for entry, coupling in zip(*matrix, strict=True):
             following = (entry - square) * value - coupling * last
             below += jnp.where((following < 0) != (value < 0), 1, 0)

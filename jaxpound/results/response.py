@@ -42,6 +42,8 @@ class MassResponse:
     """The share ι of the ground's motion that it has, a number."""
     damping: Any = quantity("force", column="damping_{}", default=None, smooth=True)
     """Force on it by the damping of its building (``System.damping``); None without any."""
+    load: Any = quantity("force", column="load_{}", default=None, smooth=True)
+    """Load on it; None in a run without loads."""
 
 
 @pytree_dataclass
@@ -181,7 +183,7 @@ class Response(ByElement, Columnar, Shown):
         ]
         loads = (load_on(i, ends, forces) for i in range(len(self.masses)))
         return tuple(
-            (load if mass.damping is None else load + mass.damping)
+            _total([load, *(x for x in (mass.damping, mass.load) if x is not None)])
             / jnp.asarray(mass.mass)[..., None]
             for load, mass in zip(loads, self.masses, strict=True)
         )
@@ -230,6 +232,7 @@ class Response(ByElement, Columnar, Shown):
         rods = work([rod.force for rod in self.rods], elongations, rates)
         against = [-mass.damping for mass in self.masses if mass.damping is not None]
         damping = work(against, x, v) if against else 0 * rods
+        loads = [mass.load for mass in self.masses if mass.load is not None]
         friction = stored = lost = 0 * rods
         for link in self.links:
             if (taken := link.friction_work) is None:
@@ -239,6 +242,8 @@ class Response(ByElement, Columnar, Shown):
                 stored, lost = stored + link.contact_stored, lost + link.contact_lost
         # Integrated over u', which includes what u'' does between the instants.
         supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * momentum)
+        if loads:
+            supplied = supplied + work(loads, x, v)
         pairs = zip(self.rods, elongations, strict=True)
         at_start = _total(rod.force[..., 0] * y[..., 0] for rod, y in pairs) / 2
         rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start
@@ -326,7 +331,7 @@ class Response(ByElement, Columnar, Shown):
             # Plus zero: no −0 in a file.
             **{name.replace("phase", "slip_direction"): (None, y + 0.0) for name, y in directions},
             **of_elements("contact_stored", "contact_lost", "friction_work", "touching"),
-            **of_elements("dissipated", "damping"),
+            **of_elements("dissipated", "damping", "load"),
         }
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -404,7 +409,7 @@ class Energy(NamedTuple):
     """
 
     input: Any
-    """Work of the ground, −∫ u'' Σ m x' dt."""
+    """Work of the ground, −∫ u'' Σ m x' dt, and of loads p, Σ ∫ p x' dt."""
     kinetic: Any
     """Kinetic energy Σ ½ m x'², and ½ b w² of inerters."""
     rods: Any

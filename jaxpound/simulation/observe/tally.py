@@ -44,7 +44,7 @@ class _Observed(NamedTuple):
     smooth: Any  # whether no jump of all series is among the last three samples
     links: tuple[LinkTally, ...]  # with this instant
     last_forces: Sequence[jax.Array]  # of the rods, an instant before
-    last_damping: Sequence[jax.Array] | None
+    last_on_masses: Sequence[jax.Array] | None
     last_ground: jax.Array
 
     def displacement(self, ends: WeightedEnds) -> Sample:
@@ -110,7 +110,7 @@ class _Observed(NamedTuple):
             settled &= jnp.stack([link.instants_since_turn >= WINDOW for link in links]).all()
             for jump in now.groups[group].jumps:
                 reached.append(self.accelerated(mass, group, jump.forces, jump.time))
-        elif len(rods) == 1 and now.damping is None:  # of its rod
+        elif len(rods) == 1 and now.on_masses is None:  # of its rod
             force = self.force(rods[0])
             share = dict(self.system.rod_ends[rods[0]])[mass] / self.system.masses[mass]
             return Sample(share * force.value, force.smooth, [share * y for y in force.others])
@@ -148,9 +148,9 @@ class _Observed(NamedTuple):
             force = then(self.now.forces[number], self.last_forces[number])
             return kink.get(number, force)
 
-        damping = None
-        if self.now.damping is not None and self.last_damping is not None:
-            damping = [*map(then, self.now.damping, self.last_damping)]
+        more = None
+        if (on_masses := self.now.on_masses) is not None and self.last_on_masses is not None:
+            more = [*map(then, on_masses, self.last_on_masses)]
 
         ends, acting = list[WeightedEnds](), list[Any]()
         for number, rod_ends in enumerate(system.rod_ends):
@@ -163,12 +163,12 @@ class _Observed(NamedTuple):
                 by_group = [seen.forces for seen in self.now.groups]
                 by_group[group] = forces
                 forces_then = [*map(rod_force, range(len(system.rods)))]
-                free = system.free_accelerations(forces_then, damping)
+                free = system.free_accelerations(forces_then, more)
                 inertia = system.inertia(free, ground, by_group)[group]
             ends += [joint.ends for joint in system.groups[group].joints]
             acting += added(forces, inertia)
         load = load_on(mass, ends, acting)
-        return (load if damping is None else load + damping[mass]) / system.masses[mass]
+        return (load if more is None else load + more[mass]) / system.masses[mass]
 
 
 def paths(system: StepConstants, topology: Topology) -> list[WeightedEnds]:
@@ -202,7 +202,7 @@ class Tally(NamedTuple):
     forces: Peaks  # of the rods
     first_yields: tuple[jax.Array | None, ...]  # times, of rods that yield
     links: tuple[LinkTally, ...]
-    damping: tuple[jax.Array, ...] | None = None  # forces on masses, an instant before
+    on_masses: list[jax.Array] | None = None  # forces of no rod and no link, an instant before
 
     @staticmethod
     def start(
@@ -244,7 +244,7 @@ class Tally(NamedTuple):
                 lambda _: zero + jnp.inf, (rod.yield_displacement for rod in constants.rods)
             ),
             links=links,
-            damping=constants.damping and constants.damping.forces(state.v),
+            on_masses=[zero] * topology.n_masses if constants.has_forces_on_masses else None,
         )
 
     def observe(
@@ -260,7 +260,7 @@ class Tally(NamedTuple):
             for link, seen in zip(self.links, now.links, strict=True)
         )
         last_forces = [force.last for force in self.forces.each()]
-        last = last_forces, self.damping, self.ground.last
+        last = last_forces, self.on_masses, self.ground.last
         instant = _Observed(now, system, smooth, links, *last)
         observed = paths(system, topology)
         displacements = self.displacements.observe([*map(instant.displacement, observed)])
@@ -279,7 +279,7 @@ class Tally(NamedTuple):
                 (after[i] for i in topology.elongations),
             ),
             links=links,
-            damping=now.damping,
+            on_masses=now.on_masses,
         )
 
     def demand(
