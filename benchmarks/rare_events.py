@@ -95,7 +95,7 @@ def main():
     event = jp.rare_event(state, cov=0.03, progress=False)
     print(f"\nd ln P/dμ at 0.645: {event.slope('friction')}, reference {case_w.SLOPE} (3 %)")
     found, seconds = timed(
-        lambda: jp.reach_probability(
+        lambda: jp.reliability.reach_probability(
             "friction", TARGET, case_w.SCENARIOS, case_w.GRID, 0.645, progress=False
         )
     )

@@ -147,13 +147,13 @@ def yielding() -> None:
     noise = np.random.default_rng(1).normal(size=241)
     history = np.linspace(0.0, 0.08, 241) * np.sin(np.linspace(0.0, 8 * np.pi, 241))
     law = jp.BoucWen(0.02, 0.05, 2.0, 0.6, strength_degradation=0.02)
-    measured = np.asarray(jp.cyclic_test(law, history, 2e6, steps=1).force) + 1.5e3 * noise
+    measured = np.asarray(jp.study.cyclic_test(law, history, 2e6, steps=1).force) + 1.5e3 * noise
     rod = jp.Rod(jp.BoucWen(0.01, 0.02, 1.5, 0.5), 1e6, (0, jp.GROUND))
     bounds: dict[str, Any] = {"yield_displacement": (0.005, 0.05), "hardening": (0.0, 0.2)}
     bounds |= {"exponent": (1.0, 5.0), "beta": (0.0, 1.0), "strength_degradation": (0.0, 0.1)}
     bounds = {f"rods.0.material.{name}": ends for name, ends in bounds.items()}
     space = jp.DesignSpace(jp.System((1.0,), (rod,)), bounds | {"rods.0.stiffness": (5e5, 5e6)})
-    fit = jp.calibrate_cyclic(space, history, measured)
+    fit = jp.design.calibrate_cyclic(space, history, measured)
     print(fit)
 
     frame = jp.ShearBuilding.from_period(5, 300e3, period=0.6, damping_ratio=0.05)

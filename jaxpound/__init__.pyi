@@ -22,10 +22,7 @@ from .design import Ensemble as Ensemble
 from .design import Objective as Objective
 from .design import PoundingProbability as PoundingProbability
 from .design import SmallestGap as SmallestGap
-from .design import calibrate as calibrate
-from .design import calibrate_cyclic as calibrate_cyclic
 from .design import design_damper as design_damper
-from .design import elasticities as elasticities
 from .design import pareto_front as pareto_front
 from .grid import TimeGrid as TimeGrid
 from .ground import GammaEnvelope as GammaEnvelope
@@ -63,6 +60,7 @@ from .model import Link as Link
 from .model import MoatWall as MoatWall
 from .model import Newton as Newton
 from .model import PowerLaw as PowerLaw
+from .model import Rayleigh as Rayleigh
 from .model import Rod as Rod
 from .model import Row as Row
 from .model import ShearBuilding as ShearBuilding
@@ -82,7 +80,6 @@ from .quantities import STANDARD_GRAVITY as STANDARD_GRAVITY
 from .reliability import LimitState as LimitState
 from .reliability import RareEvent as RareEvent
 from .reliability import rare_event as rare_event
-from .reliability import reach_probability as reach_probability
 from .reliability import subset_simulation as subset_simulation
 from .results import Demand as Demand
 from .results import Response as Response
@@ -107,10 +104,8 @@ from .simulation import stability_limit as stability_limit
 from .study import Storage as Storage
 from .study import Study as Study
 from .study import asce_7_gap as asce_7_gap
-from .study import cyclic_test as cyclic_test
 from .study import en_1998_gap as en_1998_gap
 from .study import fit_fragility as fit_fragility
 from .study import inelastic_spectrum as inelastic_spectrum
 from .study import monte_carlo as monte_carlo
-from .study import sobol_sensitivity as sobol_sensitivity
 from .units import Scales as Scales

@@ -147,11 +147,13 @@ def parameter(
     return dataclasses.field(metadata=metadata, default=default)
 
 
-def like(cls: type, name: str, within: Range | None = None, **kwargs: Any) -> Any:
+def like(
+    cls: type, name: str, within: Range | None = None, optional: bool = False, **kwargs: Any
+) -> Any:
     """A field that is the same parameter or part as that of another class, perhaps in a range."""
     (metadata,) = (dict(f.metadata) for f in dataclasses.fields(cls) if f.name == name)
     if within is not None:
-        metadata[_SPEC] = dataclasses.replace(metadata[_SPEC], within=within)
+        metadata[_SPEC] = dataclasses.replace(metadata[_SPEC], within=within, optional=optional)
     return dataclasses.field(metadata=metadata, **kwargs)
 
 

@@ -9,6 +9,8 @@ matrix exponential.
 import numpy as np
 from scipy.linalg import expm
 
+from jaxpound.model import Spring
+
 
 def elements(material, spacing=0.7, decades=(-9.0, 7.0)):
     """Rates λ and weights w of K*(s)/K = 1 + Σ w s/(s + λ); exact for rods of order 1.
@@ -17,6 +19,8 @@ def elements(material, spacing=0.7, decades=(-9.0, 7.0)):
     exponentially. Slower elements are springs, whose weights have a closed form; faster ones do not
     move.
     """
+    if isinstance(material, Spring):
+        return np.zeros(0), np.zeros(0)
     order, tau_f, tau_x = material.order, material.tau_f, material.tau_x
     excess = tau_x / tau_f - 1
     if order == 1:
@@ -49,6 +53,10 @@ def first_order(system):
         a[n : 2 * n, :n] -= rod.stiffness * np.outer(way, way) / mass[:, None]
         a[n : 2 * n, inner] -= rod.stiffness * np.outer(way, weights) / mass[:, None]
         at = inner.stop
+    for dashpot in system.damping:
+        way = axes[dashpot.ends[0]] - axes[dashpot.ends[1]]
+        force = float(dashpot.material.coefficient) * np.outer(way, way)
+        a[n : 2 * n, n : 2 * n] -= force / mass[:, None]
     return a, b
 
 

@@ -298,14 +298,14 @@ def test_tables_are_in_si_and_wavelets_hardly_in_metres_doubted():
     stiffness = float(LEFT.stiffness)
     space = jp.DesignSpace(single, {"buildings.0.stiffness": (0.5 * stiffness, 2 * stiffness)})
     measured = {"x1": jp.simulate(single, ground, grid).x1}
-    fit = jp.calibrate(space, measured, ground, grid, starts=1)
+    fit = jp.design.calibrate(space, measured, ground, grid, starts=1)
     assert "parameter (SI)" in str(fit)
     assert float(fit.structures.buildings[0].stiffness) == pytest.approx(stiffness, rel=1e-3)
-    assert " m;" in str(jp.elasticities(single, ground, grid, demand="peak_x1"))
+    assert " m;" in str(jp.design.elasticities(single, ground, grid, demand="peak_x1"))
     uncertain = {"links.0.friction": jp.Uniform(5e4, 1e5), "links.0.gap": jp.Uniform(0.1, 0.2)}
     scenarios = jp.Scenarios(jp.UncertainStructures(PAIR, uncertain), jp.Ricker(30.0, 0.5, 0.2))
     says, grid = "PGA of 100% of the 2 earthquakes looked at, up to", jp.TimeGrid(0.01, 60)
-    refused(says, jp.sobol_sensitivity, scenarios, grid, n=2, strict=True)
+    refused(says, jp.study.sobol_sensitivity, scenarios, grid, n=2, strict=True)
 
 
 def test_modes_are_in_radians_per_second():

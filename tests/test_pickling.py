@@ -59,7 +59,7 @@ def test_what_users_hold_survives_pickling(name):
 
 COMPUTED = {
     "modes": lambda: (jp.modes(ROW), jp.modes(PAPER)),
-    "tests": lambda: (jp.pushover(WEAK), jp.cyclic_test(jp.Bilinear(0.1, 0.05), SERIES)),
+    "tests": lambda: (jp.pushover(WEAK), jp.study.cyclic_test(jp.Bilinear(0.1, 0.05), SERIES)),
     "ensembles": lambda: (jp.Ensemble.drawn(SCENARIOS, 3), jp.Ensemble.of([GROUND], GRID)),
     "limit state": lambda: jp.LimitState(SCENARIOS, GRID, threshold=0.1),
 }

@@ -3,6 +3,7 @@
 from benchmarks.verification import (
     collisions,
     coulomb_decay,
+    damping,
     den_hartog,
     el_centro,
     energy,
@@ -20,6 +21,7 @@ CASES = {
     "rods": rods.case,
     "el_centro": el_centro.case,
     "den_hartog": den_hartog.case,
+    "damping": damping.case,
     "coulomb_decay": coulomb_decay.case,
     "collisions": collisions.case,
     "paper_case": paper_case.case,

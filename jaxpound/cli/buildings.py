@@ -21,7 +21,7 @@ from jaxpound.cli.reading import Form, Section, between, each, named, of_field, 
 from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
 from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
-from jaxpound.model.building import DAMPING, PERIOD
+from jaxpound.model.building import DAMPING, PERIOD, ROD
 from jaxpound.model.parameters import paths
 from jaxpound.model.row import LinkLabels, by_face, require_floors, require_heights
 from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER, storeys_of
@@ -33,7 +33,10 @@ _BY_ROD = Form(("mass", "stiffness", "order", "tau_f", "tau_x"), ("height",))
 _UNIFORM = Form(
     ("number", "mass", "period", "damping_ratio"), ("order", "tau_f", "taper", "height")
 )
-_LISTED = Form(("masses", "stiffnesses", "order", "tau_f", "tau_x"), ("heights", "tuned_masses"))
+_UNIFORM_SPRINGS = Form(("number", "mass", "period", "damping"), ("taper", "height"))
+_MORE = ("heights", "tuned_masses", "bearings", "dashpots")
+_LISTED = Form(("masses", "stiffnesses", "order", "tau_f", "tau_x"), ("damping", *_MORE))
+_LISTED_SPRINGS = Form(("masses", "stiffnesses", "damping"), _MORE)
 _OF_BUILDING = (*map(Form, (("storeys",), ("published",))), _BY_PERIOD, _BY_ROD)
 OF_STOREYS = ("storeys", "published", "isolation", "tuned_mass")
 _FLOOR = Form(("building", "floor"), ("next_building", "next_floor"))
@@ -45,6 +48,8 @@ _Mass = Annotated[float, of_field(jp.Building, "mass")]
 _Stiffness = Annotated[float, of_field(jp.Building, "stiffness")]
 _Order = Annotated[float, of_field(jp.Building, "order")]
 _Relaxation = Annotated[float, of_field(jp.Building, "tau_f")]
+_Dashpot = Annotated[float, of_field(jp.Building, "dashpot")]
+_OrderOfStorey = _Order | Literal["spring"]
 _Period = Annotated[float, between(*PERIOD)]
 _Damping = Annotated[float, between(*DAMPING)]
 _Height = Annotated[float, between(*HEIGHT)]
@@ -73,6 +78,23 @@ _Degradation = Annotated[float, of_field(jp.BoucWen, "strength_degradation")]
 _Degradations = Annotated[_Degradation | list[_Degradation], each(_Degradation)]
 
 
+class DampingSection(Section):
+    """Rayleigh's damping, by the ratio of two modes or by its coefficients."""
+
+    rayleigh: Annotated[float, of_field(jp.Rayleigh, "ratio")] | None = None
+    modes: Annotated[list[_Number], Meta(min_length=2, max_length=2)] | None = None
+    mass: Annotated[float, of_field(jp.Rayleigh, "mass")] | None = None
+    stiffness: Annotated[float, of_field(jp.Rayleigh, "stiffness")] | None = None
+
+    def __post_init__(self) -> None:
+        self.require_form(Form(("rayleigh",), ("modes",)), Form(("mass", "stiffness")))
+
+    def model(self) -> jp.Rayleigh:
+        """The library's ``Rayleigh``."""
+        stated = self.stated()
+        return jp.Rayleigh(stated.pop("rayleigh", None), **stated)
+
+
 class StoreySection(Section):
     """The storeys of a building: by its period and damping, or each by its mass and rod."""
 
@@ -85,14 +107,18 @@ class StoreySection(Section):
 
     masses: Annotated[list[_Mass], each(_Mass, alone=False)] | None = None
     stiffnesses: Annotated[_Stiffness | list[_Stiffness], each(_Stiffness)] | None = None
-    order: Annotated[_Order | list[_Order], each(_Order)] | None = None
+    order: Annotated[_Order | list[_OrderOfStorey], each(_OrderOfStorey)] | None = None
     tau_f: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
     tau_x: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
     heights: Annotated[_Height | list[_Height], each(_Height)] | None = None
+    dashpots: Annotated[_Dashpot | list[_Dashpot], each(_Dashpot)] | None = None
+    damping: DampingSection | None = None
     tuned_masses: _Number | None = None
+    bearings: _Number | None = None
 
     def __post_init__(self) -> None:
-        if self.require_form(_UNIFORM, _LISTED) is _UNIFORM:
+        forms = _UNIFORM, _UNIFORM_SPRINGS, _LISTED, _LISTED_SPRINGS
+        if self.require_form(*forms) is _UNIFORM:
             for key in ("order", "tau_f"):
                 if isinstance(getattr(self, key), list):  # all storeys have one rod
                     raise ValueError(f"must not have a list of {key} with number")
@@ -101,10 +127,20 @@ class StoreySection(Section):
     def model(self) -> jp.ShearBuilding:
         """The library's ``ShearBuilding``."""
         values = self.stated()
+        if self.damping is not None:
+            values["damping"] = self.damping.model()
+        if isinstance(self.dashpots, list):
+            values["dashpots"] = [x or None for x in self.dashpots]
+        if isinstance(self.order, list) and "spring" in self.order:  # without numbers of a rod
+            for key in ROD:
+                listed = x if isinstance(x := values[key], list) else [x] * len(self.order)
+                rods = zip(self.order, listed, strict=False)
+                values[key] = [None if order == "spring" else x for order, x in rods]
         with named("", {"storey_mass": "mass"}):
             if "masses" in values:
-                n_tuned = values.pop("tuned_masses", 0)
-                return dataclasses.replace(jp.ShearBuilding.of_storeys(**values), n_tuned=n_tuned)
+                named_counts = {"n_tuned": "tuned_masses", "n_bearings": "bearings"}
+                counts = {name: values.pop(key, 0) for name, key in named_counts.items()}
+                return dataclasses.replace(jp.ShearBuilding.of_storeys(**values), **counts)
             n, mass = values.pop("number"), values.pop("mass")
             return jp.ShearBuilding.from_period(n, mass, **values)
 
@@ -311,15 +347,25 @@ def as_toml(buildings: jp.Buildings) -> str:
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
     for building in buildings.buildings:
         storeys = storeys_of(building)
-        series = {
-            plural.get(key, key): [getattr(x, key) for x in storeys] for key in _BY_ROD.needed
-        }
+        springs = [storey.order is None for storey in storeys]
+        keys = ("mass", "stiffness") if all(springs) else _BY_ROD.needed
+        series = {plural.get(key, key): [getattr(x, key) for x in storeys] for key in keys}
+        for key in keys[2:]:
+            none = "spring" if key == "order" else 1.0  # which the file does not read
+            series[key] = [none if x else y for x, y in zip(springs, series[key], strict=True)]
+        if any(storey.dashpot is not None for storey in storeys):
+            series["dashpots"] = [storey.dashpot or 0.0 for storey in storeys]
         if isinstance(building, jp.ShearBuilding):
             series["heights"] = [*building.heights]
-        n_tuned = getattr(building, "n_tuned", 0)
-        yields = _lists(keys_of(storeys[: len(storeys) - n_tuned]))
+        counts = {x: getattr(building, x, 0) for x in ("n_tuned", "n_bearings")}
+        yields = _lists(keys_of(storeys[: len(storeys) - counts["n_tuned"]]))
         lines += ["[[building]]", *yields, "[building.storeys]", *_lists(series)]
-        lines += [f"tuned_masses = {n_tuned}  # the last of these", ""] if n_tuned else [""]
+        damping = getattr(building, "damping", None)
+        if damping is not None or all(springs):
+            lines.append(f"damping = {{{', '.join(_damping(damping))}}}")
+        lines += [f"tuned_masses = {n}  # the last of these"] if (n := counts["n_tuned"]) else []
+        lines += [f"bearings = {n}  # the first of these"] if (n := counts["n_bearings"]) else []
+        lines.append("")
     for link in buildings.links:
         lines += ["[[link]]", f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
         if link.other_floor == jp.GROUND:
@@ -360,6 +406,13 @@ def keys_of(storeys: Sequence[jp.Building]) -> dict[str, list[Any]]:
 
 def _lists(series: Mapping[str, Sequence[Any]]) -> list[str]:
     return [f"{key} = [{', '.join(map(_written, x))}]" for key, x in series.items()]
+
+
+def _damping(damping: jp.Rayleigh | None) -> list[str]:
+    if damping is not None and damping.ratio is not None:
+        return [f"rayleigh = {_written(damping.ratio)}", f"modes = {[*damping.modes]}"]
+    numbers = {x: damping and getattr(damping, x) for x in ("mass", "stiffness")}
+    return [f"{key} = {_written(x or 0.0)}" for key, x in numbers.items()]
 
 
 def _law(law: Any) -> list[str]:

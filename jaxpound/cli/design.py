@@ -156,7 +156,7 @@ def run(args: argparse.Namespace) -> None:
         if (demand := design.objective_function.demand) == "min_gap" and config.layout.has_contact:
             demand = "peak_impulse"
         with contextlib.suppress(ValueError):  # what is zero has no elasticity
-            slopes = jp.elasticities(design.structures, *shaken, demand=demand)
+            slopes = jp.design.elasticities(design.structures, *shaken, demand=demand)
             figures["elasticities"] = drawn(plots.tornado, slopes)
         if design.space.dimension > 1:
             figures["landscape"] = drawn(plots.landscape, design)

@@ -132,12 +132,13 @@ def _keys(layout: BuildingsLayout) -> dict[str, list[str]]:
             floor, storey = (f"building.{b + 1}.{x}.{i + 1}" for x in ("floor", "storey"))
             if i >= building.n_floors:
                 floor = storey = f"building.{b + 1}.tuned_mass"
-            fixed = _OF_ROD if layout.bearings[b] and i == 0 else ()  # of bearings, without creep
             for path in paths(of_storey):
                 key = path.rpartition(".")[2]
-                if key not in fixed and np.isfinite(get(of_storey, path)):  # e_u may be infinite
+                if np.isfinite(get(of_storey, path)):  # e_u may be infinite
                     owner = floor if key == "mass" else storey
                     keys[f"{owner}.{key}"] = [f"buildings.{b}.storeys.{i}.{path}"]
+        for path in paths(building.damping):
+            keys[f"building.{b + 1}.damping.{path}"] = [f"buildings.{b}.damping.{path}"]
     for k, (table, link) in enumerate(zip(layout.tables, layout.buildings.links, strict=True)):
         ends = {"friction_force": "friction"} | ({"gap": "gap"} if is_closable(link.gap) else {})
         for path in (f"{law}.{path}" for law in LAWS for path in paths(getattr(link, law))):

@@ -178,7 +178,7 @@ def reached(
     """The parameter at which the event has the target probability."""
     state = result.event.limit_state
     with named(f"{file.name}: [design]"):
-        return jp.reach_probability(
+        return jp.reliability.reach_probability(
             path,
             target.probability,
             state,

@@ -187,6 +187,7 @@ def of_simulation(layout: BuildingsLayout, response: jp.Response) -> dict[str, A
             "input_energy_J": float(energy.input[-1]),
             "damper_energy_J": float(energy.friction[-1]),
             "rods_energy_J": float(energy.rods[-1]),
+            "damping_energy_J": float(energy.damping[-1]),
             "kinetic_energy_J": float(energy.kinetic[-1]),
             "energy_residual_over_input": float(energy.relative_residual),
             "buildings": [

@@ -174,9 +174,9 @@ def calibrate_cyclic(
     --------
     >>> rod = jp.Rod(jp.Bilinear(0.1, hardening=0.05), 2.0, (0, jp.GROUND))
     >>> history = 0.3 * np.sin(np.linspace(0, 9, 60))
-    >>> measured = jp.cyclic_test(rod.material, history, stiffness=5.0, steps=1).force
+    >>> measured = jp.study.cyclic_test(rod.material, history, stiffness=5.0, steps=1).force
     >>> space = jp.DesignSpace(jp.System((1,), (rod,)), {"rods.0.stiffness": (1, 20)})
-    >>> round(jp.calibrate_cyclic(space, history, measured).structures.rods[0].stiffness, 4)
+    >>> round(jp.design.calibrate_cyclic(space, history, measured).structures.rods[0].stiffness, 4)
     5.0
     """
     instance("space", space, DesignSpace)

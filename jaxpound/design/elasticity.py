@@ -83,7 +83,7 @@ def elasticities(
     Examples
     --------
     >>> grid = jp.TimeGrid.until(20.0, dt=0.05)
-    >>> result = jp.elasticities(jp.paper.structures(), jp.paper.ground(), grid)
+    >>> result = jp.design.elasticities(jp.paper.structures(), jp.paper.ground(), grid)
     >>> round(result.values["friction"], 2)  # percent of min gap by a percent of friction
     0.72
     """

@@ -12,6 +12,7 @@ from .dampers import Dashpot as Dashpot
 from .dampers import Inerter as Inerter
 from .dampers import PowerLaw as PowerLaw
 from .dampers import VelocityFriction as VelocityFriction
+from .damping import Rayleigh as Rayleigh
 from .hysteresis import Bilinear as Bilinear
 from .hysteresis import BoucWen as BoucWen
 from .hysteresis import HysteresisLaw as HysteresisLaw
@@ -21,6 +22,7 @@ from .isolation import FrictionPendulum as FrictionPendulum
 from .isolation import LeadRubber as LeadRubber
 from .isolation import MoatWall as MoatWall
 from .isolation import on_bearings as on_bearings
+from .rod import Spring as Spring
 from .rod import ZenerRod as ZenerRod
 from .row import FloorLink as FloorLink
 from .row import Row as Row

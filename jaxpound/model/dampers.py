@@ -11,7 +11,7 @@ from jaxpound._checks import Range
 from jaxpound._fields import Batch, parameter, pytree_dataclass
 
 _VELOCITY = Range(1e-6, 100, "m/s", "of an earthquake's motion")
-_COEFFICIENT = Range(0, 1e14, "N s/m", "from models to the ground under a tower")
+COEFFICIENT = Range(0, 1e14, "N s/m", "from models to the ground under a tower")
 _INERTANCE = Range(0, 1e12, "kg", "up to that of many buildings")
 
 
@@ -76,7 +76,7 @@ class Dashpot(Batch):
     >>> system = jp.System((1.0,), (spring, dashpot))
     """
 
-    coefficient: Any = parameter("c", "damping", "coefficient", least=0, within=_COEFFICIENT)
+    coefficient: Any = parameter("c", "damping", "coefficient", least=0, within=COEFFICIENT)
 
 
 @pytree_dataclass

@@ -55,7 +55,7 @@ def elongation(element: Element, x: Sequence[Any]) -> Any:
     return along(weighted(element), x)
 
 
-def along(ends: WeightedEnds, x: Sequence[Any]) -> Any:
+def along(ends: WeightedEnds, x: Any) -> Any:
     """B x of one rod, or C x of one joint, Σ weight × x; also of velocities and accelerations."""
     terms = [times(weight, x[mass]) for mass, weight in ends]
     return sum(terms[1:], terms[0])

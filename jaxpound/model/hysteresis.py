@@ -17,7 +17,7 @@ from jaxpound._extrema import larger
 from jaxpound._fields import Batch, Parameter, like, parameter, part, pytree_dataclass, walk
 from jaxpound.model.dampers import Dashpot, PowerLaw
 from jaxpound.model.parameters import replaced
-from jaxpound.model.rod import ZenerRod
+from jaxpound.model.rod import Spring, ZenerRod
 
 State = TypeVar("State")
 
@@ -298,7 +298,7 @@ class YieldingZener:
 
 
 def zener_of(material: Any) -> ZenerRod | None:
-    """The fractional rod of a material, with a memory; None for a law of hysteresis alone."""
+    """The fractional rod of a material, with a memory; None for materials without one."""
     rod = material.zener if isinstance(material, YieldingZener) else material
     return rod if isinstance(rod, ZenerRod) else None
 
@@ -306,7 +306,7 @@ def zener_of(material: Any) -> ZenerRod | None:
 def hysteresis_of(material: Any) -> Any:
     """The law of hysteresis of a material; None for one that does not yield."""
     law = material.hysteresis if isinstance(material, YieldingZener) else material
-    return None if isinstance(law, ZenerRod | PowerLaw | Dashpot) else law
+    return None if isinstance(law, ZenerRod | Spring | PowerLaw | Dashpot) else law
 
 
 def material_in(material: Any, frequency: Any, length: Any = 1.0) -> Any:

@@ -29,7 +29,6 @@ _FRICTION = Range(0, 1, "", "a coefficient; 0.03 to 0.12 is usual of PTFE")
 RATE = Range(1, 1e4, "s/m", "20 to 100 s/m is usual of PTFE")
 _STRENGTH = Range(1e-4, 1, "", "of the weight; 0.03 to 0.1 is usual")
 _LENGTH = Range(1e-5, 1, "m", "at which a bearing yields")
-_ELASTIC: Any = {"order": 1.0, "tau_f": 1e-3, "tau_x": 1e-3}  # a rod that does not creep
 
 
 @pytree_dataclass
@@ -94,7 +93,7 @@ class FrictionPendulum(BatchInSI):
         """The base on the restoring spring under a weight, N, whatever the gravity."""
         limit = self.ultimate_displacement
         law = Bilinear(limit, 1.0, limit) if is_closable(limit) else None  # never yields
-        return Building(base_mass, weight / self.radius, hysteresis=law, **_ELASTIC)
+        return Building(base_mass, weight / self.radius, hysteresis=law)
 
     def between(self, weight: Any) -> dict[str, Any]:
         """Friction of the link from the base to the ground."""
@@ -153,7 +152,7 @@ class LeadRubber(BatchInSI):
         after = self._stiffness(gravity) * weight
         before = after + self.strength * weight / self.yield_displacement
         law = Bilinear(self.yield_displacement, after / before, self.ultimate_displacement)
-        return Building(base_mass, before, hysteresis=law, **_ELASTIC)
+        return Building(base_mass, before, hysteresis=law)
 
     def between(self, weight: Any) -> dict[str, Any]:
         """Friction of the link from the base to the ground: none."""
@@ -250,7 +249,8 @@ def on_bearings(
     with renamed(names={"mass": "base_mass", "heights.0": "height"}):
         base = bearing.storey(base_mass, weight, gravity)
         storeys, heights = (base, *above.storeys), (height, *above.heights)
-        on_bearings = ShearBuilding(storeys, heights, above.n_tuned)
+        counts = above.n_tuned, above.damping, above.n_bearings + 1
+        on_bearings = ShearBuilding(storeys, heights, *counts)
     between = bearing.between(weight)
     link = wall.link if wall else partial(FloorLink, floor=0, next_building=GROUND)
     higher = [

@@ -1,4 +1,4 @@
-"""The fractional Zener rod: its material law, and its modulus in frequency."""
+"""The fractional Zener rod, its material law and its modulus in frequency; and a spring."""
 
 from __future__ import annotations
 
@@ -90,6 +90,11 @@ class ZenerRod(Batch):
         storage = 1 + excess * (b + a * jnp.cos(angle)) / below
         loss = excess * a * jnp.sin(angle) / below
         return storage, loss
+
+
+@pytree_dataclass
+class Spring:
+    """An elastic rod, f = K e: a material without parameters and without damping."""
 
 
 @jax.jit

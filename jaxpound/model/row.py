@@ -176,17 +176,18 @@ class Row:
         """Masses, rods and links, building by building."""
         starts = _first_floors([len(building.masses) for building in self.buildings])
         masses, rods, links, tuned = list[Any](), list[Rod](), list[Link](), list[int]()
+        damping = list[Rod]()
         for building, first in zip(self.buildings, starts, strict=False):
             masses += building.masses
+            damping += building.damping_from(first)
             tuned += range(first + building.n_floors, len(masses))
             rods += building.rods_from(first)
         for x in self.links:
             between = {name: getattr(x, name) for name in BETWEEN}
             links.append(unchecked(Link, ends=_ends(x, starts), **between))
         kept, dampers = without_dampers(links)
-        return unchecked(
-            System, masses=tuple(masses), rods=(*rods, *dampers), links=kept, tuned=tuple(tuned)
-        )
+        parts = {"rods": (*rods, *dampers), "links": kept, "damping": tuple(damping)}
+        return unchecked(System, masses=tuple(masses), tuned=tuple(tuned), **parts)
 
 
 def by_face(links: Sequence[Any]) -> tuple[Any, ...]:

@@ -4,20 +4,33 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from types import NoneType
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxpound import _checks
-from jaxpound._checks import Range, Rule, count, enforce, is_traced, number, positive_number
+from jaxpound._checks import (
+    Range,
+    Rule,
+    count,
+    enforce,
+    is_traced,
+    is_whole,
+    number,
+    positive_number,
+)
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
-from jaxpound.model.building import Building
+from jaxpound.model.building import ROD, Building
+from jaxpound.model.dampers import Dashpot
+from jaxpound.model.damping import Rayleigh
 from jaxpound.model.hysteresis import Bilinear
 from jaxpound.model.strength import storey_shears, with_weight
-from jaxpound.model.structures import Storeys, require_storeys
+from jaxpound.model.structures import Storeys, require_storeys, storey_ends
 from jaxpound.model.system import Rod, as_tuple
+from jaxpound.model.topology import GROUND, Ends
 from jaxpound.model.vibration import Modes, first_frequency, modes
 from jaxpound.quantities import STANDARD_GRAVITY
 
@@ -52,6 +65,12 @@ class ShearBuilding:
         How many of the last storeys are tuned masses (``tuned_mass_damper``) on their rods: these
         are no floors and no storeys of the building. None by default. A link names the first as the
         floor above the roof.
+    damping
+        ``Rayleigh``'s damping, beside that of the storeys' rods; None by default. It leaves out
+        tuned masses and bearings.
+    n_bearings
+        How many of the first storeys are bearings (``on_bearings``), which ``damping`` leaves out:
+        it acts on what stands on them as if that stood on the ground. None by default.
 
     Examples
     --------
@@ -66,10 +85,18 @@ class ShearBuilding:
     storeys: tuple[Building, ...] = part(Building, each=True)
     heights: tuple[float, ...] = static(default=3.0)
     n_tuned: int = static(default=0, listed=bool)
+    damping: Rayleigh | None = part(Rayleigh, NoneType, default=None)
+    n_bearings: int = static(default=0, listed=bool)
 
     def __post_init__(self) -> None:
         check(self)
         require_storeys("storeys", self.storeys, self.n_tuned)
+        if not (is_whole(self.n_bearings) and 0 <= self.n_bearings < self.n_floors):
+            rule = f"must be a whole number from 0 to {self.n_floors - 1}"
+            raise InvalidInput("n_bearings", repr(self.n_bearings), rule)
+        if self.damping is not None:
+            with renamed(names={"modes": "damping.modes"}):
+                self.damping.require_modes(self.n_floors - self.n_bearings)
         heights = _each("heights", self.heights, len(self.storeys))
         for i, height in enumerate(heights):
             name = f"heights.{i}"
@@ -84,13 +111,15 @@ class ShearBuilding:
         cls,
         masses: Any,
         stiffnesses: Any,
-        order: Any,
-        tau_f: Any,
-        tau_x: Any,
+        order: Any = None,
+        tau_f: Any = None,
+        tau_x: Any = None,
         heights: Any = 3.0,
         *,
         yield_force: Any = None,
         hardening: Any = 0.0,
+        dashpots: Any = None,
+        damping: Rayleigh | None = None,
     ) -> ShearBuilding:
         """A building from its floors' masses and its storeys' rods.
 
@@ -103,9 +132,12 @@ class ShearBuilding:
         stiffnesses
             Long-time stiffness of each storey, N/m, or one for all.
         order, tau_f, tau_x
-            The rods, as in ``Building``: a number for each storey, or one for all.
-        heights
+            The rods, as in ``Building``: a number for each storey, or one for all. Without them the
+            storeys are springs.
+        heights, damping
             As in ``ShearBuilding``.
+        dashpots
+            Of each storey, or one for all, N s/m, as in ``Building``; by default there are none.
         yield_force, hardening
             Of each storey, or one for all, if they yield (``yielding``); by default they do not.
 
@@ -119,11 +151,12 @@ class ShearBuilding:
         n = len(masses)
         rods = {"stiffnesses": stiffnesses, "order": order, "tau_f": tau_f, "tau_x": tau_x}
         listed = [_each(name, value, n) for name, value in rods.items()]
+        listed += [(None,) * n, _each("dashpots", dashpots, n)]
         storeys = []
         for i, numbers in enumerate(zip(masses, *listed, strict=True)):
             with renamed(f"storeys.{i}"):
                 storeys.append(Building(*numbers))
-        building = cls(tuple(storeys), _each("heights", heights, n))
+        building = cls(tuple(storeys), _each("heights", heights, n), damping=damping)
         if yield_force is None:
             return building
         return building.yielding(yield_force=yield_force, hardening=hardening)
@@ -134,22 +167,23 @@ class ShearBuilding:
         n_storeys: int,
         storey_mass: Any,
         period: Any,
-        damping_ratio: Any,
+        damping_ratio: Any = None,
         order: Any = 0.5,
         tau_f: Any = None,
         *,
         taper: float = 1.0,
         height: Any = 3.0,
+        damping: Rayleigh | None = None,
     ) -> ShearBuilding:
         """A building with this period and damping ratio of the first mode.
 
         The stiffnesses of the storeys, in the ratios that ``taper`` states, are scaled to the
         period. All storeys have the order and the relaxation times of the rod of
         ``Building.from_period``, on which one block has the same period and damping ratio. With
-        ``order=1`` they are springs and dashpots, and the damping is proportional to the stiffness.
+        ``order=None`` they are springs and dashpots; the damping is proportional to the stiffness.
 
-        Raises ``ValueError`` if there are not as many masses or heights as storeys, or as
-        ``Building.from_period``.
+        Raises ``ValueError`` if there are not as many masses or heights as storeys, if not one of
+        ``damping_ratio`` and ``damping`` is stated, or as ``Building.from_period``.
 
         Parameters
         ----------
@@ -163,6 +197,8 @@ class ShearBuilding:
             Stiffness of the top storey over that of the first > 0; those between vary linearly.
         height
             Height > 0 of each storey, m, from the ground up, or one for all.
+        damping
+            ``Rayleigh``'s damping in the place of a ratio; the storeys are then springs.
 
         Examples
         --------
@@ -184,13 +220,18 @@ class ShearBuilding:
         positive = Rule("taper", taper, (taper > 0) & np.isfinite(taper), "positive, finite")
         enforce([positive, TAPER.of("taper", taper)])
         shares = np.linspace(1.0, float(taper), n)
+        if (damping is None) == (damping_ratio is None):
+            rule = "must be stated, or damping, not both"
+            raise InvalidInput("damping_ratio", str(damping_ratio), rule)
         with renamed(names={"mass": "storey_mass"}):
             block = Building.from_period(masses[0], period, damping_ratio, order, tau_f)
             unit = block.stiffness / _least_eigenvalue(shares, [m / masses[0] for m in masses])
-            rod = block.order, block.tau_f, block.tau_x
-            pairs = zip(masses, shares, strict=True)
-            storeys = [Building(mass, unit * share, *rod) for mass, share in pairs]
-        return cls(tuple(storeys), heights)
+            rod: dict[str, Any] = {name: getattr(block, name) for name in ROD}
+            storeys = [Building(m, unit * x, **rod) for m, x in zip(masses, shares, strict=True)]
+            if block.dashpot is not None:
+                time = block.dashpot / block.stiffness
+                storeys = [dataclasses.replace(x, dashpot=time * x.stiffness) for x in storeys]
+        return cls(tuple(storeys), heights, damping=damping)
 
     @classmethod
     def published(cls, name: str) -> ShearBuilding:
@@ -324,12 +365,37 @@ def in_units(
     numbers = [(s.material(frequency, length), s.stiffness / stiffness) for s in storeys]
     rods = (unchecked(Rod, material=law, stiffness=k, ends=None) for law, k in numbers)
     n_tuned = getattr(building, "n_tuned", 0)
-    return Storeys(tuple(s.mass / mass for s in storeys), tuple(rods), n_tuned)
+    damping = [
+        unchecked(Rod, material=unchecked(Dashpot, coefficient=c / (mass * frequency)), ends=ends)
+        for ends, c in _dashpots(building)
+    ]
+    masses = tuple(s.mass / mass for s in storeys)
+    return unchecked(
+        Storeys, masses=masses, rods=tuple(rods), n_tuned=n_tuned, damping=tuple(damping)
+    )
 
 
 def storeys_of(building: Building | ShearBuilding) -> tuple[Building, ...]:
     """The storeys of a building, tuned masses too; a ``Building`` is its only storey."""
     return (building,) if isinstance(building, Building) else building.storeys
+
+
+def _dashpots(building: Building | ShearBuilding) -> list[tuple[Ends, Any]]:
+    """Ends by floor, from 0, and coefficient, N s/m, of the dashpots in a building."""
+    dashpots = [
+        (storey_ends(i), storey.dashpot)
+        for i, storey in enumerate(storeys_of(building))
+        if storey.dashpot is not None
+    ]
+    if isinstance(building, ShearBuilding) and building.damping is not None:
+        first = building.n_bearings
+        storeys = building.storeys[first : building.n_floors]
+        masses, stiffnesses = ([getattr(s, x) for s in storeys] for x in ("mass", "stiffness"))
+        alpha, beta = building.damping.coefficients(masses, stiffnesses)
+        for i, storey in enumerate(storeys, first):
+            dashpots.append(((i, first - 1 if first else GROUND), alpha * storey.mass))
+            dashpots.append((storey_ends(i), beta * storey.stiffness))
+    return dashpots
 
 
 _KIP = 4448.2216  # N
@@ -345,7 +411,7 @@ _PUBLISHED: dict[str, tuple[int, float, float, float]] = {
 
 def _each(name: str, value: Any, n: int) -> tuple[Any, ...]:
     """A number for each of n storeys, from a list or from one number for all."""
-    if not isinstance(value, Sequence) and jnp.ndim(value) == 0:
+    if value is None or (not isinstance(value, Sequence) and jnp.ndim(value) == 0):
         return (value,) * n
     if len(listed := as_tuple(name, value)) != n:
         rule = f"must be {n}, a number for each storey, or one for all"

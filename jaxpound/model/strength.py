@@ -66,5 +66,7 @@ def with_weight(storey: Building, weight: Any, height: float) -> Building:
         holds = finite(limit) | (law.hardening >= theta)
         enforce([Rule("hysteresis.ultimate_displacement", limit, holds, rule)])
         law = dataclasses.replace(law, hardening=(law.hardening - theta) / left)
-    stiffness, tau_x = storey.stiffness * left, storey.tau_f + (storey.tau_x - storey.tau_f) / left
-    return dataclasses.replace(storey, stiffness=stiffness, tau_x=tau_x, hysteresis=law)
+    changes = {"stiffness": storey.stiffness * left, "hysteresis": law}
+    if storey.order is not None:
+        changes["tau_x"] = storey.tau_f + (storey.tau_x - storey.tau_f) / left
+    return dataclasses.replace(storey, **changes)

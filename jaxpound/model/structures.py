@@ -13,7 +13,7 @@ from jaxpound._fields import check, like, parameter, part, pytree_dataclass, sta
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import Link, Rod, System
-from jaxpound.model.topology import GROUND, Ends
+from jaxpound.model.topology import GROUND, Ends, shifted
 from jaxpound.quantities import DIMENSIONLESS
 
 
@@ -98,6 +98,8 @@ class Storeys:
         m1 ω1²; or one rod for all. Their ``ends`` may be left out.
     n_tuned
         How many of the last are tuned masses, which are no floors, on their rods; none by default.
+    damping
+        Dashpots of the building, as in ``System``; their ends are floors of the building.
 
     Examples
     --------
@@ -110,6 +112,7 @@ class Storeys:
     masses: tuple[Any, ...] = like(System, "masses")
     rods: tuple[Rod, ...] = like(System, "rods")
     n_tuned: int = static(default=0, listed=bool)
+    damping: tuple[Rod, ...] = like(System, "damping", default=())
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "masses", as_tuple("masses", self.masses))
@@ -132,6 +135,8 @@ class Storeys:
             if rod.stiffness is None:
                 rule = "must have a stiffness, as it is a storey: a dashpot holds no floor"
                 raise InvalidInput(f"rods.{i}", "", rule)
+        if self.damping:
+            System(self.masses, self.rods_from(0), damping=self.damping)  # which checks them
 
     @property
     def n_floors(self) -> int:
@@ -141,12 +146,18 @@ class Storeys:
     def system(self) -> System:
         """The building alone, without links."""
         tuned = tuple(range(self.n_floors, len(self.masses)))
-        return unchecked(System, masses=self.masses, rods=self.rods_from(0), links=(), tuned=tuned)
+        parts = {"rods": self.rods_from(0), "links": (), "damping": self.damping}
+        return unchecked(System, masses=self.masses, tuned=tuned, **parts)
 
     def rods_from(self, first: int) -> tuple[Rod, ...]:
         """The rods with their ends in a system where the lowest floor is the mass ``first``."""
         fields = [{"material": rod.material, "stiffness": rod.stiffness} for rod in self.rods]
         return tuple(unchecked(Rod, **x, ends=storey_ends(i, first)) for i, x in enumerate(fields))
+
+    def damping_from(self, first: int) -> tuple[Rod, ...]:
+        """The dashpots in a system where the lowest floor is the mass ``first``."""
+        numbers = [vars(rod) | {"ends": shifted(rod.ends, first)} for rod in self.damping]
+        return tuple(unchecked(Rod, **x) for x in numbers)
 
 
 def require_storeys(name: str, storeys: Sequence[Any], n_tuned: Any) -> None:

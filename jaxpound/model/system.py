@@ -25,7 +25,7 @@ from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import Dashpot, Inerter, PowerLaw, VelocityFriction
 from jaxpound.model.ends import along, beside_axis, weighted
 from jaxpound.model.hysteresis import HysteresisLaw, YieldingZener
-from jaxpound.model.rod import ZenerRod
+from jaxpound.model.rod import Spring, ZenerRod
 from jaxpound.model.topology import (
     GROUND,
     AnyEnds,
@@ -47,9 +47,9 @@ class Rod:
     Parameters
     ----------
     material
-        The rod's law: a ``ZenerRod``; ``Bilinear``, ``BoucWen`` or any ``HysteresisLaw``, of rods
-        that yield; ``YieldingZener``, both in one; ``PowerLaw``, a viscous damper on a brace; or
-        ``Dashpot``.
+        The rod's law: a ``ZenerRod`` or ``Spring``; ``Bilinear``, ``BoucWen`` or any
+        ``HysteresisLaw``, of rods that yield; ``YieldingZener``, both in one; ``PowerLaw``, a
+        viscous damper on a brace; or ``Dashpot``.
     stiffness
         Long-time stiffness K > 0, before the rod yields; in units of m1 ω1² for a dimensionless
         system. A ``Dashpot`` has none.
@@ -61,7 +61,9 @@ class Rod:
         each mass. Weights are numbers that can be traced; they are then in ``weights``.
     """
 
-    material: Any = part(ZenerRod, YieldingZener, PowerLaw, Dashpot, HysteresisLaw, traced=True)
+    material: Any = part(
+        ZenerRod, Spring, YieldingZener, PowerLaw, Dashpot, HysteresisLaw, traced=True
+    )
     stiffness: Any = parameter("K", "stiffness", "stiffness", above=0, optional=True, default=None)
     ends: AnyEnds | None = static(default=None)
     weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
@@ -226,6 +228,9 @@ class System:
     influence
         The share ι of the ground's motion that each mass has, known numbers; by default 1. The
         inertia of a rotation is a mass of influence 0, whose displacement is the angle.
+    damping
+        Damping of the masses that is no rod of its own in results: rods of a ``Dashpot``, of which
+        only the sum on each mass is observed.
 
     Examples
     --------
@@ -254,25 +259,30 @@ class System:
     links: tuple[Link, ...] = part(Link, each=True, default=())
     tuned: tuple[int, ...] = static(default=(), listed=bool)
     influence: tuple[float, ...] = static(default=(), listed=bool)
+    damping: tuple[Rod, ...] = part(Rod, each=True, default=())
     units: ClassVar = DIMENSIONLESS
     """The unit of each kind of quantity, such as ``units["force"]``; of ``Buildings`` in SI."""
 
     def __post_init__(self) -> None:
-        for name in ("masses", "rods", "links", "influence"):
+        for name in ("masses", "rods", "links", "influence", "damping"):
             object.__setattr__(self, name, as_tuple(name, getattr(self, name)))
         links = [link.faces() if isinstance(link, Link) else (link,) for link in self.links]
         kept, dampers = without_dampers(itertools.chain(*links))
         object.__setattr__(self, "links", kept)
         object.__setattr__(self, "rods", self.rods + dampers)
         check(self)
-        for k, rod in enumerate(self.rods):
-            if rod.ends is None:
-                rule = "must be two masses, or GROUND"
-                raise InvalidInput(f"rods.{k}.ends", "None", rule)
+        for name in ("rods", "damping"):
+            for k, rod in enumerate(getattr(self, name)):
+                if rod.ends is None:
+                    rule = "must be two masses, or GROUND"
+                    raise InvalidInput(f"{name}.{k}.ends", "None", rule)
+                if name == "damping" and rod.stiffness is not None:
+                    rule = "must be a Dashpot: rods with a stiffness belong in rods"
+                    raise InvalidInput(f"damping.{k}.material", repr(rod.material), rule)
         topology, n = self.topology, len(self.masses)
         if not n:
             raise InvalidInput("masses", "()", "must hold at least one mass")
-        for name in ("rods", "links"):
+        for name in ("rods", "links", "damping"):
             for k, element in enumerate(getattr(self, name)):
                 if max(masses_of(element.ends)) >= n:
                     rule = f"must name masses from 0 to {n - 1}, or GROUND (-1)"

@@ -35,6 +35,13 @@ def masses_of(ends: AnyEnds) -> tuple[int, ...]:
     return tuple(end for end in ends if end != GROUND)
 
 
+def shifted(ends: AnyEnds | None, first: int) -> AnyEnds | None:
+    """Ends of masses whose numbers are larger by ``first``."""
+    if isinstance(ends, WeightedMasses):
+        return ends._replace(masses=tuple(first + mass for mass in ends.masses))
+    return ends and tuple(end if end == GROUND else first + end for end in ends)  # type: ignore[return-value]
+
+
 def two_ends(ends: AnyEnds) -> Ends:
     """The two ends of a link; an ``InvalidInput`` for one of masses with weights."""
     if isinstance(ends, WeightedMasses):

@@ -27,9 +27,6 @@ def tuned_mass_damper(
 ) -> ShearBuilding:
     """A building with a tuned mass on a spring and a dashpot on its roof.
 
-    Spring and dashpot are a rod of ``order=1`` with τ_f ω = 0.01 (``Building.from_period``), which
-    is no pure dashpot: modes whose damping ratios would be equal differ by about a tenth.
-
     Parameters
     ----------
     building
@@ -145,7 +142,12 @@ class _FirstMode:
         damping = jnp.sqrt(3 * ratio / (8 * (1 + ratio))) if damping is None else damping
         tuning, damping = positive(frequency_ratio=tuning, damping_ratio=damping)
         with renamed(names={"mass": "mass_ratio: mass", "period": "frequency_ratio: period"}):
-            both = Building.from_period(mass + inertance, self.period / tuning, damping, order=1.0)
+            both = Building.from_period(mass + inertance, self.period / tuning, damping, None)
             top = dataclasses.replace(both, mass=mass)
         storeys, heights = self.frame.storeys, self.frame.heights
-        return ShearBuilding((*storeys, top), (*heights, heights[-1] / 2), self.frame.n_tuned + 1)
+        return dataclasses.replace(
+            self.frame,
+            storeys=(*storeys, top),
+            heights=(*heights, heights[-1] / 2),
+            n_tuned=self.frame.n_tuned + 1,
+        )

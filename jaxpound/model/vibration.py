@@ -133,7 +133,8 @@ class _Linear:
         instance("structures", structures, Structures)
         system = structures.system()
         inerters = [link.inerter for link in system.links]
-        leaves = jax.tree.leaves((system.masses, system.rods, inerters))
+        rods = *system.rods, *system.damping
+        leaves = jax.tree.leaves((system.masses, rods, inerters))
         if not is_known_and_single(leaves):
             rule = "must be known, not traced" if is_traced(leaves) else "must be one, not a batch"
             raise InvalidInput("structures", "", rule)
@@ -147,7 +148,7 @@ class _Linear:
                 inertia += float(link.inerter.inertance) * np.outer(influence, influence)
         self._root = np.linalg.cholesky(inertia)
         self._rods: list[tuple[Any, Any]] = []
-        for rod in system.rods:
+        for rod in rods:
             influence = np.linalg.solve(self._root, elongation(rod, unit_motions))
             law = rod.material
             if isinstance(law, Dashpot):

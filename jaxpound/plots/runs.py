@@ -234,9 +234,10 @@ def _loops(kind: str, response: Response) -> Loops:
 def energy(response: Response, ax: Axes | None = None) -> Axes:
     """Energy of a single run over time: damper, rods and kinetic energy, stacked, and the input.
 
-    The stack is friction's work, the rods' work and the kinetic energy, with a law of contact also
-    what is lost by contact and stored in it; the line is the input, with the energy at t = 0 of a
-    run that does not start at rest. Their difference, also a line, is the residual of the balance.
+    The stack is friction's work, the rods' work, the kinetic energy and the work of the damping of
+    buildings that have one beside their rods, with a law of contact also what is lost by contact
+    and stored in it; the line is the input, with the energy at t = 0 of a run that does not start
+    at rest. Their difference, also a line, is the residual of the balance.
     """
     require_single(response)
     ax = curves.run_axes(response, ax)
@@ -245,6 +246,8 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     parts = {"rods": "rods", "kinetic": "kinetic"}
     if any(link.has_damper for link in response.links):
         parts = {"friction": "damper"} | parts
+    if any(mass.damping is not None for mass in response.masses):
+        parts |= {"damping": "limit"}
     if touching(response):
         parts |= {"contact_lost": "pounding", "contact_stored": "stick"}
     ax.stackplot(

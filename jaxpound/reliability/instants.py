@@ -40,7 +40,10 @@ def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
     for group, seen in zip(system.groups, now.groups, strict=True):
         ends += [joint.ends for joint in group.joints]
         forces += seen.totals
-    return tuple(load_on(number, ends, forces) / mass for number, mass in enumerate(system.masses))
+    loads = [load_on(number, ends, forces) for number in range(len(system.masses))]
+    if (more := now.on_masses) is not None:
+        loads = [load + other for load, other in zip(loads, more, strict=True)]
+    return tuple(load / mass for load, mass in zip(loads, system.masses, strict=True))
 
 
 _OBSERVERS: dict[str, Any] = {  # by kind the numbers at an instant, and how many there are

@@ -122,7 +122,9 @@ def reach_probability(
     >>> ground = jp.CustomDraw(lambda z: jp.Record(0.2 * hills @ z, 0.1, time_unit="1/ω1"), 5)
     >>> scenarios = jp.Scenarios(jp.paper.structures(), ground)
     >>> grid = jp.TimeGrid.until(8.0, dt=0.1)
-    >>> result = jp.reach_probability("friction", 1e-4, scenarios, grid, 0.3, progress=False)
+    >>> result = jp.reliability.reach_probability(
+    ...     "friction", 1e-4, scenarios, grid, 0.3, progress=False
+    ... )
     >>> 0.05 < result.value < 0.5, 0.9e-4 < result.event.probability < 1.1e-4
     (True, True)
     """

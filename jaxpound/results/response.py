@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import jax
@@ -40,6 +40,10 @@ class MassResponse:
     """The mass itself, a number, in units of m1 (in SI, kg)."""
     influence: float = static(default=1.0)
     """The share ι of the ground's motion that it has, a number."""
+    damping: Any = quantity("force", column="damping_{}", default=None, smooth=True)
+    """Force on it by the damping of its building (``System.damping``); None without any."""
+    load: Any = quantity("force", column="load_{}", default=None, smooth=True)
+    """Load on it; None in a run without loads."""
 
 
 @pytree_dataclass
@@ -177,9 +181,11 @@ class Response(ByElement, Columnar, Shown):
         ends = [
             beside_axis(ends) for ends in (*map(weighted, self.rods), *map(weighted, self.links))
         ]
+        loads = (load_on(i, ends, forces) for i in range(len(self.masses)))
         return tuple(
-            load_on(i, ends, forces) / jnp.asarray(mass.mass)[..., None]
-            for i, mass in enumerate(self.masses)
+            _total([load, *(x for x in (mass.damping, mass.load) if x is not None)])
+            / jnp.asarray(mass.mass)[..., None]
+            for load, mass in zip(loads, self.masses, strict=True)
         )
 
     @property
@@ -207,33 +213,45 @@ class Response(ByElement, Columnar, Shown):
                 inertance = jnp.asarray(link.inertance)[..., None]
                 kinetic = kinetic + inertance * link.slip_velocity**2 / 2
         steps, elongations = jnp.diff(self.time, axis=-1), self.elongations
-        works = steps * _means(
-            _total(r.force * along(beside_axis(weighted(r)), v) for r in self.rods)
-        )
+        met = None
         if touching := [link.touching for link in self.links if link.touching is not None]:
-            pairs = zip(self.rods, elongations, strict=True)
-            of_motion = (_means(rod.force) * jnp.diff(elongation) for rod, elongation in pairs)
             met = _total(touching) > 0
             met = met[..., 1:] | met[..., :-1]
-            works = jnp.where(met, _total(of_motion), works)
             moved = jnp.diff(_total(map(operator.mul, driven, x)))
             momentum = jnp.where(met, moved / steps, momentum)  # which the ground's blows change
-        rods = _summed(works)
+
+        def work(forces: Sequence[Any], paths: Iterable[Any], rates: Iterable[Any]) -> Any:
+            works = steps * _means(_total(map(operator.mul, forces, rates)))
+            if met is not None:
+                pairs = zip(forces, paths, strict=True)
+                of_motion = _total(_means(force) * jnp.diff(path) for force, path in pairs)
+                works = jnp.where(met, of_motion, works)
+            return _summed(works)
+
+        rates = [along(beside_axis(weighted(rod)), v) for rod in self.rods]
+        rods = work([rod.force for rod in self.rods], elongations, rates)
+        against = [-mass.damping for mass in self.masses if mass.damping is not None]
+        damping = work(against, x, v) if against else 0 * rods
+        loads = [mass.load for mass in self.masses if mass.load is not None]
         friction = stored = lost = 0 * rods
         for link in self.links:
-            if (work := link.friction_work) is None:
-                work = _summed(steps * _means(link.friction * link.slip_velocity))
-            friction = friction + work
+            if (taken := link.friction_work) is None:
+                taken = _summed(steps * _means(link.friction * link.slip_velocity))
+            friction = friction + taken
             if link.contact is not None:
                 stored, lost = stored + link.contact_stored, lost + link.contact_lost
         # Integrated over u', which includes what u'' does between the instants.
         supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * momentum)
+        if loads:
+            supplied = supplied + work(loads, x, v)
         pairs = zip(self.rods, elongations, strict=True)
         at_start = _total(rod.force[..., 0] * y[..., 0] for rod, y in pairs) / 2
         rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start
-        residual = rods + friction + kinetic + stored + lost - supplied - initial[..., None]
+        taken = rods + damping + friction + stored + lost
+        residual = taken + kinetic - supplied - initial[..., None]
         yielding = sum((r.dissipated for r in self.rods if r.dissipated is not None), 0.0)
-        return Energy(supplied, kinetic, rods, friction, residual, stored, lost, initial, yielding)
+        terms = stored, lost, initial, yielding, damping
+        return Energy(supplied, kinetic, rods, friction, residual, *terms)
 
     def impacts(self, link: int | None = None) -> list[Impact]:
         """Impacts of one link or, in order of time, of all; empty without a law of contact.
@@ -313,7 +331,7 @@ class Response(ByElement, Columnar, Shown):
             # Plus zero: no −0 in a file.
             **{name.replace("phase", "slip_direction"): (None, y + 0.0) for name, y in directions},
             **of_elements("contact_stored", "contact_lost", "friction_work", "touching"),
-            **of_elements("dissipated"),
+            **of_elements("dissipated", "damping", "load"),
         }
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -391,7 +409,7 @@ class Energy(NamedTuple):
     """
 
     input: Any
-    """Work of the ground, −∫ u'' Σ m x' dt."""
+    """Work of the ground, −∫ u'' Σ m x' dt, and of loads p, Σ ∫ p x' dt."""
     kinetic: Any
     """Kinetic energy Σ ½ m x'², and ½ b w² of inerters."""
     rods: Any
@@ -399,7 +417,7 @@ class Energy(NamedTuple):
     friction: Any
     """Work into the links' dampers, Σ ∫ q w dt with the slip velocities w."""
     residual: Any
-    """rods + friction + kinetic + stored and lost in contact − input − initial."""
+    """rods + damping + friction + kinetic + stored and lost in contact − input − initial."""
     contact_stored: Any = 0.0
     """Energy stored in contact, Σ ∫ p_s w dt with the part p_s of a law's force at speed 0."""
     contact_lost: Any = 0.0
@@ -408,6 +426,8 @@ class Energy(NamedTuple):
     """Energy at t = 0, of shape (): kinetic, and Σ ½ f e of rods that start displaced."""
     yielding: Any = 0.0
     """Energy dissipated by rods that yield and by viscous dampers, a part of ``rods``."""
+    damping: Any = 0.0
+    """Work into the damping of the buildings (``System.damping``)."""
 
     @property
     def relative_residual(self) -> Any:

@@ -48,6 +48,12 @@ class StepConstants(NamedTuple):
     starts_at_rest: bool
     plan: Plan
     damping: Damping | None = None  # by pure dashpots
+    is_loaded: bool = False
+
+    @property
+    def has_forces_on_masses(self) -> bool:
+        """Whether forces act on masses that are of no rod and no link."""
+        return self.is_loaded or (self.damping is not None and self.damping.inherent is not None)
 
     @staticmethod
     def of(
@@ -56,6 +62,7 @@ class StepConstants(NamedTuple):
         dt: float,
         keep: bool = False,
         x: Sequence[jax.Array] | None = None,
+        is_loaded: bool = False,
     ) -> StepConstants:
         """Those of a run with steps of ``dt``, which may ``keep`` every instant.
 
@@ -85,7 +92,7 @@ class StepConstants(NamedTuple):
             flows = "always"
         plan = choice()(Work(len(rods), _length_of(rods), flows, keep))
         slots = SLOTS if keep else 0
-        numbers: Any = scheme.friction, dt, slots, x is None, plan, damping
+        numbers: Any = scheme.friction, dt, slots, x is None, plan, damping, is_loaded
         return StepConstants(masses, influence, rods, rod_ends, kinds, *numbers)
 
     def start(
@@ -100,12 +107,20 @@ class StepConstants(NamedTuple):
         owed = None if self.damping is None else zero + 0 * self.damping.influence
         return RunState(x, v, rods, tuple(kind.start(zero, x, v) for kind in self.joints), owed)
 
-    def free_accelerations(self, forces: Sequence[jax.Array]) -> list[Any]:
-        """Accelerations −M⁻¹ Bᵀ f of the masses by the forces f of the rods alone."""
+    def free_accelerations(
+        self, forces: Sequence[jax.Array], more: Sequence[Any] | None = None
+    ) -> list[Any]:
+        """Accelerations −M⁻¹ Bᵀ f of the masses by the forces f of the rods, and by ``more``."""
+        loads = self.loads(forces, more)
         # As quotients XLA computes them once; it computes products again for each use.
-        return [
-            load_on(number, self.rod_ends, forces) / mass for number, mass in enumerate(self.masses)
-        ]
+        return [load / mass for load, mass in zip(loads, self.masses, strict=True)]
+
+    def loads(self, forces: Sequence[jax.Array], more: Sequence[Any] | None = None) -> list[Any]:
+        """Loads −Bᵀ f on the masses by the forces f of the rods, and ``more`` loads."""
+        loads = [load_on(mass, self.rod_ends, forces) for mass in range(len(self.masses))]
+        if more is None:
+            return loads
+        return [load + other for load, other in zip(loads, more, strict=True)]
 
     def accelerations(
         self, rods: Sequence[RodStep], v: Sequence[Any], owed: Any, now: Now, drag: Any = None
@@ -116,8 +131,8 @@ class StepConstants(NamedTuple):
         """
         forces = [rod.kick for rod in rods]
         if (damping := self.damping) is None:
-            return self.free_accelerations(forces), now.mean_ground
-        loads = [load_on(mass, self.rod_ends, forces) for mass in range(len(self.masses))]
+            return self.free_accelerations(forces, now.mean_loads), now.mean_ground
+        loads = self.loads(forces, now.mean_loads)
         return [*damping.accelerations(loads, v, now.mean_ground, owed, drag)], None
 
     def follow(

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxpound._xla.alike import in_array
 from jaxpound.model.dampers import Dashpot
 from jaxpound.model.ends import along, weighted
-from jaxpound.model.system import System
+from jaxpound.model.system import Rod, System
 from jaxpound.simulation.contact.forces import inverse_of
 from jaxpound.simulation.joints.coupled import Coupled
 from jaxpound.simulation.joints.group import Flow
@@ -45,22 +45,38 @@ class Damping(NamedTuple):
     inverse: jax.Array  # P
     influence: jax.Array  # P M ι
     h: float
+    inherent: jax.Array | None = None  # the part of D by dashpots that are no rods of results
 
     @staticmethod
     def of(system: System, h: float) -> Damping | None:
         """Those of a system; None without dashpots."""
         dashpots = [rod for rod in system.rods if isinstance(rod.material, Dashpot)]
-        if not dashpots:
+        if not dashpots and not system.damping:
             return None
         masses = jnp.stack(system.masses)
         unit_motions = [*jnp.eye(masses.size, dtype=masses.dtype)]
-        matrix = jnp.zeros((masses.size, masses.size), masses.dtype)
-        for rod in dashpots:
-            row = along(weighted(rod), unit_motions)
-            matrix += rod.material.coefficient * jnp.outer(row, row)
+        no_dashpots = jnp.zeros((masses.size, masses.size), masses.dtype)
+
+        def matrix_of(dashpots: Sequence[Rod]) -> jax.Array:
+            if not dashpots:
+                return no_dashpots
+            rows = jnp.stack([along(weighted(rod), unit_motions) for rod in dashpots])
+            return rows.T @ (
+                jnp.stack([rod.material.coefficient for rod in dashpots])[:, None] * rows
+            )
+
+        inherent = matrix_of(system.damping) if system.damping else None
+        matrix = matrix_of(dashpots) + (no_dashpots if inherent is None else inherent)
         inverse = inverse_of(jnp.diag(masses) + h / 2 * matrix)
         influence = inverse @ (masses * jnp.asarray(system.influences, masses.dtype))
-        return Damping(matrix, inverse, influence, h)
+        return Damping(matrix, inverse, influence, h, inherent)
+
+    def forces(self, v: Sequence[Any]) -> tuple[Any, ...] | None:
+        """Forces on masses that move with v, by dashpots that are no rods of results."""
+        if self.inherent is None:
+            return None
+        force = self.inherent @ in_array(v)
+        return tuple(-force[mass] for mass in range(len(v)))
 
     def accelerations(
         self, loads: Sequence[Any], v: Sequence[Any], ground: Any, owed: Any, drag: Drag | None

@@ -11,7 +11,7 @@ jump with where they fall; impacts are not as regular.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
@@ -26,7 +26,7 @@ from jaxpound._xla.derivatives import recomputed
 from jaxpound._xla.plan import choice
 from jaxpound._xla.quotients import differentiated_with, unknown
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ground, as_motion
+from jaxpound.ground.motion import Excitation, Ground, as_motion
 from jaxpound.model.hysteresis import zener_of
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import Structures, System
@@ -87,26 +87,29 @@ class Rollout(NamedTuple):
         extra_rules: Callable[[Any], list[Rule]] = lambda extra: [],
         keep: bool = False,
         initial: InitialState | None = None,
+        loads: Mapping[int, Ground] | None = None,
     ) -> Rollout:
         """The rollout of structures under a ground motion, which is a pytree; see ``simulate``.
 
         ``extra`` is a pytree of further numbers that the run uses; ``keep`` says whether its every
-        instant is kept.
+        instant is kept; ``loads`` are by mass as ground motions are.
         """
         dtype = jnp.result_type(float, *jax.tree.leaves((structures, ground)))
         cast = partial(jax.tree.map, lambda x: jnp.asarray(x, dtype))
         structures, ground, extra, initial = cast((structures, ground, extra, initial))
+        loads = cast(loads or {})
         # Else XLA would fold all that follows from structures that are constants of the program.
         structures = jax.tree.map(unknown, structures)
         # Before the batch is spread: orders and samples that all runs share are not copied.
         memories = [zener_of(rod.material) for rod in structures.system().rods]
         orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
-        series = as_motion(ground).excitation(grid, scheme.order).series
-        shaking = spread((ground, series), copied=False)
+        excitations = _excitations((ground, *loads.values()), grid, scheme)
+        series = [x.series for x in excitations]
+        shaking = spread((ground, loads, series), copied=False)
         numbers = *spread((structures, extra, initial)), *shaking
         if has_flows(structures.system()):
             orders, numbers = without_mesh((orders, numbers))
-        structures, extra, initial, ground, series = numbers
+        structures, extra, initial, ground, loads, series = numbers
         system = cast(structures.system())
         dt = grid.dt
 
@@ -116,13 +119,13 @@ class Rollout(NamedTuple):
         valid &= all_hold([] if initial is None else initial_rules(initial, system, dt))
         zero = unknown(jnp.where(valid, jnp.zeros((), dtype), jnp.nan))
         if any(link.contact or link.velocity_friction for link in system.links):
-            zero = differentiated_with(zero, (structures, ground, extra, initial))
+            zero = differentiated_with(zero, (structures, ground, extra, initial, loads))
         displaced = velocities = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
-        constants = StepConstants.of(system, scheme, dt, keep, displaced)
+        constants = StepConstants.of(system, scheme, dt, keep, displaced, bool(loads))
         start = constants.start(zero, displaced, velocities)
-        excitation = as_motion(ground).excitation(grid, scheme.order)._replace(series=series)
+        excitations = _excitations((ground, *loads.values()), grid, scheme)
         # The paper has x_0 = x_1 = 0: there the step to t_1 begins from the start, too.
         begins = 0 if scheme.start == "rest" or initial is not None else 1
 
@@ -130,11 +133,19 @@ class Rollout(NamedTuple):
             state: RunState, sums: list[jax.Array], m: jax.Array, entry: Any, with_flows: bool
         ) -> Any:
             time, is_first = m.astype(dtype) * dt, m == 0
-            now_and_mean = excitation.at(jnp.maximum(time, 0), entry)
-            a, mean = (jnp.where(m < 0, zero, x.astype(dtype)) for x in now_and_mean)
+            inputs = zip(excitations, entry, strict=True)
+            both = [x.at(jnp.maximum(time, 0), of_input) for x, of_input in inputs]
+            (a, mean), *by_mass = [
+                [jnp.where(m < 0, zero, jnp.asarray(x, dtype)) for x in pair] for pair in both
+            ]
             # The run begins in the middle of its first step, at t = 0.
             kick = jnp.where(is_first, 0.5, 1.0).astype(dtype)
             now = Now(time, a, mean, is_first, m == grid.n_steps, kick)
+            if loads:
+                on = dict(zip(loads, by_mass, strict=True))
+                pairs = [on.get(mass, (zero, zero)) for mass in range(len(system.masses))]
+                at_instant, in_mean = map(tuple, zip(*pairs, strict=True))
+                now = now._replace(loads=at_instant, mean_loads=in_mean)
             if begins or initial is not None:
                 state = jax.tree.map(lambda x, y: jnp.where(m <= begins, x, y), start, state)
             return one_step(constants, state, sums, now, with_flows)
@@ -147,11 +158,15 @@ class Rollout(NamedTuple):
             n_steps=grid.n_steps,
             orders=orders,
             history=scheme.history,
-            inputs=excitation.series,
+            inputs=series,
             checkpoint=scheme.checkpoint,
             plan=constants.plan,
         )
         return Rollout(system, constants, zero, start, extra, advance, scan)
+
+
+def _excitations(grounds: Sequence[Ground], grid: TimeGrid, scheme: Scheme) -> list[Excitation]:
+    return [as_motion(x).excitation(grid, scheme.order) for x in grounds]
 
 
 def extrapolated(coarse: T, fine: T) -> T:

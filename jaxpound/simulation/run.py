@@ -7,7 +7,7 @@ where ``step`` moves it and ``Tally`` observes it, to a ``Demand`` or a ``Respon
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -35,6 +35,7 @@ from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response
 from jaxpound.simulation.constants import contacts
 from jaxpound.simulation.contact.records import Contact
+from jaxpound.simulation.loads import by_mass
 from jaxpound.simulation.observe.series import StoredSeries, response_of
 from jaxpound.simulation.observe.tally import Tally
 from jaxpound.simulation.rollout import Rollout, extrapolated, extrapolated_response, program_key
@@ -58,6 +59,7 @@ def simulate(
     duration: float | None = None,
     dt: float | None = None,
     initial: InitialState | None = None,
+    loads: Mapping[Any, Any] | None = None,
     strict: bool = False,
 ) -> Response:
     """Response of structures to a ground motion: series of shape (n_steps+1,) and the ``Demand``.
@@ -89,6 +91,11 @@ def simulate(
         also resolves wavelets. It warns if a small τ_f makes the steps 20 times as many as else.
     initial
         Displacements and velocities at t = 0; by default all is at rest.
+    loads
+        Forces on masses beside the ground motion, such as wind or a blast, positive to the right:
+        by (building, floor), both from 0, or by the number of a mass of a ``System``, a function of
+        t, a series of n_steps+1 numbers at the grid's instants, linear in between, or any object
+        that a ground motion may be; in N with ``Buildings``. None by default.
     strict
         Whether a ``PlausibilityWarning`` is raised as a ``ValueError``, also one that came when the
         buildings, or a record of the ground motion, were made.
@@ -125,7 +132,7 @@ def simulate(
     >>> [(phase.kind, round(phase.start, 2)) for phase in response.phases()[:3]]
     [('stick', 0.0), ('slip left', 0.64), ('slip right', 1.19)]
     """
-    case = Case(structures, ground, initial)
+    case = Case(structures, ground, initial, loads)
     traceable, grid = case.prepared(grid, scheme, duration, dt, strict)
     balanced = not is_traced(traceable)
     response, residual = _simulate(traceable, program_key(traceable), grid, scheme, balanced)
@@ -171,7 +178,7 @@ def demand(
         Flat names of the requested scalars, such as ``("min_gap", "peak_f1")``: all others
         are None, and a batch of pairs takes some 0.7 of the time. By default all.
     initial, strict
-        See ``simulate``.
+        See ``simulate``, which takes loads, too.
 
     Examples
     --------
@@ -215,6 +222,7 @@ class Case(NamedTuple):
     structures: Structures
     ground: Any  # as the user has it, or in a form that can be traced
     initial: InitialState | None
+    loads: Any = None  # by mass
 
     @property
     def gravity(self) -> Any:
@@ -231,7 +239,7 @@ class Case(NamedTuple):
     ) -> tuple[Case, TimeGrid]:
         """The case in a form that can be traced, and its grid; invalid input is refused."""
         note_long_compilations()
-        structures, ground, initial = self
+        structures, ground, initial, loads = self
         system = single_system(structures)
         instance("scheme", scheme, Scheme)
         require_ground("ground", ground)
@@ -247,7 +255,9 @@ class Case(NamedTuple):
             findings = unseen(ground, grid, strict=strict) + imprecise(system, grid, traceable)
             earlier = structures.doubts if strict and isinstance(structures, Buildings) else []
             warn(findings + earlier, strict)
-        return self._replace(ground=traceable), grid
+        if loads is not None:
+            loads = by_mass(loads, structures, grid, scheme)
+        return self._replace(ground=traceable, loads=loads), grid
 
     def warn_of_results(self, demand: Demand, strict: bool) -> None:
         """Warn of implausible results that are not traced, or refuse them if ``strict``."""
@@ -265,9 +275,9 @@ def _run(
 
     And by mass the share of the ground's motion that it has beside its joints'.
     """
-    structures, ground, initial = case
+    structures, ground, initial, loads = case
     extra = temperature, _temperature_rules
-    run = Rollout.of(structures, ground, grid, scheme, *extra, keep, initial)
+    run = Rollout.of(structures, ground, grid, scheme, *extra, keep, initial, loads)
     system, zero, temperature, n = run.system, run.zero, run.extra, grid.n_steps
 
     def observe(tally: Tally, now: Instant, m: jax.Array) -> tuple[Tally, StoredSeries | None]:

@@ -22,6 +22,8 @@ class Now(NamedTuple):
     is_first: jax.Array  # whether the run starts at t_m: its first step is the second half alone
     is_last: jax.Array  # whether it ends at t_m
     kick: jax.Array  # length of the step in units of h: 1/2 of the first step, else 1
+    loads: tuple[jax.Array, ...] | None = None  # on masses at t_m
+    mean_loads: tuple[jax.Array, ...] | None = None  # in the mean over the step
 
 
 class JointState(NamedTuple):
@@ -127,6 +129,14 @@ class Instant(NamedTuple):
     groups: tuple[SeenGroup, ...]
     links: tuple[LinkInstant, ...]
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
+    damping: tuple[jax.Array, ...] | None  # forces on masses by damping that is no rod of results
+    loads: tuple[jax.Array, ...] | None  # on masses
+
+    @property
+    def on_masses(self) -> list[jax.Array] | None:
+        """Forces on masses that are of no rod and no link; None without any."""
+        parts = [x for x in (self.damping, self.loads) if x is not None]
+        return [sum(forces[1:], forces[0]) for forces in zip(*parts, strict=True)] or None
 
     @property
     def forces(self) -> tuple[jax.Array, ...]:

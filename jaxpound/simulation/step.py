@@ -170,17 +170,22 @@ def observed(
         if law.viscosity is not None:
             at_rates[number] = rods[number]._replace(force=law.viscosity * along(ends, v))
     forces = tuple(rod.force for rod in at_rates)
-    free, groups = system.free_accelerations(forces), list[SeenGroup]()
-    for kind, y, flow in zip(system.joints, moved, flows, strict=True):
-        groups += kind.seen(y, flow, partial(kind.inertia, free, now.ground))
-    links = {k: link for seen in groups for k, link in seen.links.items()}
-    return Instant(
+    damping = None if system.damping is None else system.damping.forces(v)
+    instant = Instant(
         time=now.time,
         ground=now.ground,
         x=x,
         v=v,
         rods=tuple(at_rates),
-        groups=tuple(groups),
-        links=tuple(links[k] for k in sorted(links)),
+        groups=(),
+        links=(),
         needs_flow=needs_flow,
+        damping=damping,
+        loads=now.loads,
     )
+    free, groups = system.free_accelerations(forces, instant.on_masses), list[SeenGroup]()
+    for kind, y, flow in zip(system.joints, moved, flows, strict=True):
+        groups += kind.seen(y, flow, partial(kind.inertia, free, now.ground))
+    links = {k: link for seen in groups for k, link in seen.links.items()}
+    links_seen = tuple(links[k] for k in sorted(links))
+    return instant._replace(groups=tuple(groups), links=links_seen)

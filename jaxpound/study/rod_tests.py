@@ -103,7 +103,7 @@ def cyclic_test(law: Any, displacements: Any, stiffness: Any = 1.0, steps: int =
 
     Examples
     --------
-    >>> test = jp.cyclic_test(jp.Bilinear(0.1), [0.0, 0.3, -0.3], stiffness=5.0, steps=1)
+    >>> test = jp.study.cyclic_test(jp.Bilinear(0.1), [0.0, 0.3, -0.3], stiffness=5.0, steps=1)
     >>> test.force.tolist(), round(float(test.dissipated[-1]), 6)  # 0.5 (0.2 + 0.4)
     ([0.0, 0.5, -0.5], 0.3)
     """

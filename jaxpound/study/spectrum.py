@@ -28,7 +28,6 @@ from jaxpound.simulation.run import demand
 from jaxpound.simulation.scheme import Scheme
 from jaxpound.simulation.time_steps import record_grid
 
-_TAU_F = 2e-4  # over the period: the rod is a spring and a dashpot to four digits
 _TRIED, _LEVELS = 40, 3  # strengths between two, and how often the search narrows them
 
 
@@ -159,7 +158,7 @@ def inelastic_spectrum(
 
 
 def _oscillator(period: Any, damping: Any) -> Building:
-    return Building.from_period(1.0, period, damping, order=1.0, tau_f=_TAU_F * period)
+    return Building.from_period(1.0, period, damping, order=None)
 
 
 @partial(jax.jit, static_argnames=("grid", "solves"))

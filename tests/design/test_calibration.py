@@ -34,7 +34,7 @@ def measured(seed):
 
 @functools.cache
 def calibrated():
-    return jp.calibrate(SPACE, measured(0), GROUND, GRID, start=START, starts=2, noise=STD)
+    return jp.design.calibrate(SPACE, measured(0), GROUND, GRID, start=START, starts=2, noise=STD)
 
 
 def test_known_parameters_are_found_within_their_intervals():
@@ -79,7 +79,7 @@ def test_missing_numbers_and_unknown_noise():
     """In SI units: ``test_buildings.py``."""
     x1 = np.array(measured(0)["x1"])
     x1[::3] = np.nan
-    found = jp.calibrate(SPACE, {"x1": x1}, GROUND, GRID, starts=1)
+    found = jp.design.calibrate(SPACE, {"x1": x1}, GROUND, GRID, starts=1)
     assert found.noise["x1"] == pytest.approx(0.01, rel=0.15)
     assert np.isnan(found.residuals["x1"][::3]).all()
     for path, value in VALUES.items():
@@ -93,7 +93,7 @@ HIDDEN = {"space": TRACELESS, "starts": 1}
 
 def changed(change):
     standard = {"space": SPACE, "measured": measured(0), "ground": GROUND, "grid": GRID}
-    return jp.calibrate(**(standard | change))
+    return jp.design.calibrate(**(standard | change))
 
 
 test_bad_calibrations_are_named = refusals(
@@ -118,7 +118,7 @@ test_bad_calibrations_are_named = refusals(
 def test_a_parameter_at_its_bound_is_named():
     space = jp.DesignSpace(TRUTH, {"friction": (0.3, 1.0)})
     series, more = {"x1": measured(0)["x1"]}, {"noise": {"x1": 0.01}, "start": {"friction": 0.5}}
-    found = jp.calibrate(space, series, GROUND, GRID, starts=1, **more)
+    found = jp.design.calibrate(space, series, GROUND, GRID, starts=1, **more)
     assert found.at_bounds == ("friction",)
     assert "friction is at a bound: its interval means nothing" in assert_shown(found)
 
@@ -126,7 +126,7 @@ def test_a_parameter_at_its_bound_is_named():
 CYCLE = np.sin(np.linspace(0, 2 * np.pi, 41))[1:]
 PATH = np.concatenate([[0.0], *(a * CYCLE for a in (0.05, 0.1, 0.2, 0.3))])
 LAW = {"yield_displacement": 0.1, "hardening": 0.05, "exponent": 2.0, "beta": 0.4}
-FORCE = np.asarray(jp.cyclic_test(jp.BoucWen(**LAW), PATH, 5.0, 64).force)[::64]
+FORCE = np.asarray(jp.study.cyclic_test(jp.BoucWen(**LAW), PATH, 5.0, 64).force)[::64]
 BOUNDS = {"yield_displacement": jp.design.Bounds(0.02, 0.4, "log"), "hardening": (0.0, 0.2)}
 BOUNDS |= {"exponent": (1, 6), "beta": (0, 1)}
 BOUNDS = {f"material.{name}": bounds for name, bounds in BOUNDS.items()} | {"stiffness": (1, 20)}
@@ -136,7 +136,7 @@ NOISE = 0.01 * np.random.default_rng(0).normal(size=FORCE.size)
 
 
 def test_a_law_is_recovered_from_a_noisy_test_within_its_intervals():
-    fit = jp.calibrate_cyclic(ROD, PATH, FORCE + NOISE, noise={"force": 0.01}, starts=2)
+    fit = jp.design.calibrate_cyclic(ROD, PATH, FORCE + NOISE, noise={"force": 0.01}, starts=2)
     (rod,) = fit.structures.rods
     for path, estimate in fit.parameters.items():
         name = path.rpartition(".")[2]
@@ -152,10 +152,10 @@ def test_a_storey_of_a_building_is_calibrated_where_it_was_measured():
     row = jp.Buildings((frame.yielding(yield_force=9e5, hardening=0.05),))
     path = "buildings.0.storeys.1.hysteresis.yield_displacement"
     stiffness, turns = float(frame.storeys[1].stiffness), [0.0, 0.001, 0.02, -0.02, 0.02]
-    force = np.array(jp.cyclic_test(jp.Bilinear(0.006, 0.05), turns, stiffness, 1).force)
+    force = np.array(jp.study.cyclic_test(jp.Bilinear(0.006, 0.05), turns, stiffness, 1).force)
     force[3] = np.nan
     space = jp.DesignSpace(row, {path: (0.001, 0.02)})
-    fit = jp.calibrate_cyclic(space, turns, force, rod=1, starts=1)
+    fit = jp.design.calibrate_cyclic(space, turns, force, rod=1, starts=1)
     assert fit.parameters[path].value == pytest.approx(0.006, rel=1e-6)
     assert np.isnan(fit.residuals["force"][3])
 
@@ -165,5 +165,5 @@ test_wrong_calibrations_are_refused = refusals(
     (ROD, PATH, FORCE, 1, "rod = 1 must be the number of a rod"),
     (ROD, PATH + np.nan, FORCE, "calibrate_cyclic: displacements = nan .* must be finite"),
     (SPACE, PATH, FORCE, "law = None must be of type HysteresisLaw"),
-    of=jp.calibrate_cyclic,
+    of=jp.design.calibrate_cyclic,
 )

@@ -73,7 +73,7 @@ def test_whether_blocks_meet_does_not_depend_on_the_law():
 
 
 def test_elasticities_by_the_gap_and_the_law_of_contact():
-    found = jp.elasticities(TOUCHING, wave(0.3), GRID, demand="contact_work")
+    found = jp.design.elasticities(TOUCHING, wave(0.3), GRID, demand="contact_work")
     h = 1e-4 * np.array([1, -1, 0, 0])
     runs = demands(0.3, 0.05 * (1 + h[::-1]), 0.65 * (1 + h))
     lost = np.log(np.asarray(runs.contact_work))
@@ -103,7 +103,9 @@ def test_stiffness_and_restitution_from_measured_bounces():
     stiffness = jp.design.Bounds(50, 800, "log")
     bounds = {"contact.stiffness": stiffness, "contact.restitution": (0.3, 1.0)}
     space = jp.DesignSpace(pad, bounds)
-    found = jp.calibrate(space, measured, wave(0.3), GRID, noise=noise, start=start, starts=1)
+    found = jp.design.calibrate(
+        space, measured, wave(0.3), GRID, noise=noise, start=start, starts=1
+    )
     for path, value in truth.items():
         estimate = found.parameters[path]
         width = estimate.high - estimate.low
@@ -120,7 +122,7 @@ NAMES = r"measured\['impacts.link'\] must be one of x1, .*impulse"
 
 def fit_impacts(structures, name, values):
     space = jp.DesignSpace(structures, {"friction": (0.01, 1.0)})
-    return jp.calibrate(space, {name: values}, wave(0.3), GRID)
+    return jp.design.calibrate(space, {name: values}, wave(0.3), GRID)
 
 
 test_impacts_that_cannot_be_fitted = refusals(

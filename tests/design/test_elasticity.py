@@ -23,12 +23,12 @@ def test_wavelets_beside_a_record_are_judged_in_g():
     waves = [jp.Ricker(amplitude, 1.0, 1.5) for amplitude in (0.09, 0.1)]
     ensemble = jp.Ensemble.of([*waves, record], grid)
     pair = jp.Buildings((building, building), (jp.FloorLink(0, 0, friction=1e5, gap=0.1),))
-    shaken = jp.elasticities(pair, ensemble, grid, demand="peak_acceleration_1")
+    shaken = jp.design.elasticities(pair, ensemble, grid, demand="peak_acceleration_1")
     assert 5 < shaken.value < 30
 
 
 def test_elasticities_are_relative_derivatives():
-    found = jp.elasticities(PAPER, ENSEMBLE, GRID, demand="peak_x1")
+    found = jp.design.elasticities(PAPER, ENSEMBLE, GRID, demand="peak_x1")
 
     def mean(structures):
         runs = [jp.demand(structures, g, GRID, only=["peak_x1"]) for g in GROUNDS]
@@ -54,21 +54,21 @@ def test_elasticities_are_relative_derivatives():
 
 
 def test_one_earthquake_is_an_ensemble_of_one_and_must_be_resolved():
-    alone = jp.elasticities(PAPER, GROUNDS[0], GRID)
+    alone = jp.design.elasticities(PAPER, GROUNDS[0], GRID)
     assert str(alone).startswith("smallest gap = ")
     run = jp.demand(PAPER, GROUNDS[0], GRID, only=["min_gap"])
     assert alone.value == pytest.approx(float(run.min_gap))
     assert alone.values["initial_gap"] == pytest.approx(1 / float(run.min_gap))
     still = dataclasses.replace(PAPER, initial_gap=0.0)
     silence = dataclasses.replace(GROUNDS[0], amplitude=np.zeros(5))
-    refused("min_gap = 0 must be finite and not zero", jp.elasticities, still, silence, GRID)
+    refused("min_gap = 0 must be finite and not zero", jp.design.elasticities, still, silence, GRID)
     coarse = jp.TimeGrid(0.4, 25)
     for ground, said in ((OTHER, "the shortest of periods is"), (ENSEMBLE, "of the 2 earthquakes")):
         # The suite makes errors of warnings: nothing runs after this one.
         message = f"^elasticities: ground: .*{said}"
         with pytest.raises(jp.PlausibilityWarning, match=message):
-            jp.elasticities(PAPER, ground, coarse)
-        refused(message, jp.elasticities, PAPER, ground, coarse, strict=True)
+            jp.design.elasticities(PAPER, ground, coarse)
+        refused(message, jp.design.elasticities, PAPER, ground, coarse, strict=True)
 
 
 QUESTION = {"structures": PAPER, "ground": GROUNDS[0], "grid": GRID}
@@ -76,5 +76,5 @@ test_bad_questions_are_named = refusals(
     ({"demand": "gap"}, "demand = 'gap' must be one of min_gap"),
     ({"over": "median"}, "over = 'median' must be 'worst', 'mean' or a share"),
     ({"structures": 3}, "structures = 3 must be AdjacentStructures, a System"),
-    of=lambda change: jp.elasticities(**(QUESTION | change)),
+    of=lambda change: jp.design.elasticities(**(QUESTION | change)),
 )

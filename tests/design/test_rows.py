@@ -177,7 +177,7 @@ def test_elasticities_by_a_damper_and_a_storey_of_a_row():
     def mean(friction, stiffness):
         return mean_min_gap(row(friction, stiffness), EARTHQUAKES, jp.Scheme())
 
-    found = jp.elasticities(row(0.03, 12.0), EARTHQUAKES, GRID, demand="min_gap")
+    found = jp.design.elasticities(row(0.03, 12.0), EARTHQUAKES, GRID, demand="min_gap")
     h = 1e-5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
     gap, *gaps = mean(*(np.array([0.03, 12.0]) * (1 + h)).T)
     assert found.value == pytest.approx(float(gap))
@@ -199,14 +199,14 @@ def test_a_row_from_recorded_floors():
     values = {"links.0.friction": 0.2, "links.1.friction": 0.3, UPPER_STOREY: 12.0}
     space = jp.DesignSpace(ROW, {**DAMPERS, UPPER_STOREY: (6.0, 20.0)})
     how = {"noise": noise, "start": {"links.*.friction": 0.25, UPPER_STOREY: 11.0}, "starts": 1}
-    found = jp.calibrate(space, measured, ground, GRID, SOON, **how)
+    found = jp.design.calibrate(space, measured, ground, GRID, SOON, **how)
     for path, value in values.items():
         estimate = found.parameters[path]
         assert abs(estimate.value - value) < estimate.high - estimate.low < 0.2 * value
     assert found.structures.links[1].friction == found.parameters["links.1.friction"].value
     assert found.noise == pytest.approx(noise, rel=0.4)
     says, gap = r"measured\['gap'\] must be one of x1, .*a4, gap_1, gap", {"gap": measured["gap_2"]}
-    refused(says, jp.calibrate, space, gap, ground, GRID)
+    refused(says, jp.design.calibrate, space, gap, ground, GRID)
 
 
 def test_a_brace_of_least_acceleration_and_what_is_told_of_it():

@@ -16,7 +16,7 @@ FRAME = jp.ShearBuilding.from_period(3, 300e3, period=0.5, damping_ratio=0.05)
 
 def test_a_bilinear_rod_dissipates_the_area_of_its_loop():
     law, turns = jp.Bilinear(0.1, 0.05), [0.0, 0.4, -0.4, 0.4]
-    test = jp.cyclic_test(law, turns, steps=1)
+    test = jp.study.cyclic_test(law, turns, steps=1)
     np.testing.assert_allclose(test.force[1:], [0.115, -0.115, 0.115], rtol=1e-12)
     quarter, area = 0.95 * 0.1 * 0.3, 4 * 0.95 * 0.1 * 0.3
     assert test.dissipated[-1] == pytest.approx(quarter + area, rel=1e-12)
@@ -41,10 +41,10 @@ def test_bouc_wen_follows_its_differential_equation(exponent, beta, worn):
     options = {"rtol": 1e-10, "atol": 1e-12, "max_step": 0.01}
     way = solve_ivp(rates, (0, 0.35), [0.0, 0.0], args=(1.0,), **options).y[:, -1]
     exact = solve_ivp(rates, (0, 0.65), way, args=(-1.0,), **options).y[:, -1]
-    test = jp.cyclic_test(law, path, steps=1)
+    test = jp.study.cyclic_test(law, path, steps=1)
     z = (test.force[-1] - 0.02 * path[-1]) / (0.98 * 0.1)
     np.testing.assert_allclose([z, test.dissipated[-1]], exact, rtol=3e-3)
-    assert np.isfinite(jp.cyclic_test(law, [0.0, 10.0, -10.0], steps=1).force).all()
+    assert np.isfinite(jp.study.cyclic_test(law, [0.0, 10.0, -10.0], steps=1).force).all()
     assert np.abs(test.force).max() < 0.1 * (1 + 0.02 * 3.5)
 
     # At rest, too, derivatives are finite.

@@ -56,7 +56,7 @@ def test_a_lead_rubber_bearing_has_the_damping_and_the_stiffness_of_its_loop():
     law, stiffness = storey.hysteresis, storey.stiffness
     for size in (0.05, 0.2):
         turns = size * np.array([0.0, 1.0, -1.0, 1.0])
-        test = jp.cyclic_test(law, turns, stiffness, 500)
+        test = jp.study.cyclic_test(law, turns, stiffness, 500)
         force, x, dissipated = (part[500:] for part in (test.force, test.displacement, test[2]))
         ratio = RUBBER.damping_ratio(size)
         area, energy = loop_area(force, x), dissipated[-1] - dissipated[0]

@@ -211,7 +211,7 @@ def test_parameters_of_any_structures_may_be_random_chosen_or_elastic():
     uncertain = jp.UncertainStructures(POUNDING, {"contact.restitution": jp.Uniform(0.4, 0.8)})
     assert float(uncertain.draw(np.zeros(1)).contact.restitution) == pytest.approx(0.6)
     grid, demand = jp.TimeGrid(0.05, 40), "peak_acceleration_1"
-    found = jp.elasticities(TOWER, jp.paper.ground(), grid, demand=demand)
+    found = jp.design.elasticities(TOWER, jp.paper.ground(), grid, demand=demand)
     assert tuple(found.parameters) == parameters.paths(TOWER)
     assert all(np.isfinite(x) for x in found.values.values())
     assert found.values["rods.0.stiffness"] != 0

@@ -8,7 +8,7 @@ from jaxpound import plots
 from tests.plots.runs import legend, new_axes
 from tests.refusals import refused
 
-TEST = jp.cyclic_test(jp.Bilinear(0.02, 0.05), [0.0, 0.06, -0.06], 2e6, 8)
+TEST = jp.study.cyclic_test(jp.Bilinear(0.02, 0.05), [0.0, 0.06, -0.06], 2e6, 8)
 
 
 def test_cyclic_tests_over_what_was_measured_and_pushover_curves_with_first_yields(ax):

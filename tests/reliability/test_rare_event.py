@@ -348,27 +348,27 @@ def test_the_friction_for_a_probability(tmp_path, monkeypatch):
     """With the structures of case W in fewer numbers; the benchmark has case W itself."""
     args, options = (1e-4, FEW, SHORT, 0.3), {"tolerance": 0.3, "progress": False}
     start = few(0.3, cov=0.15)
-    cold = jp.reach_probability("friction", *args, **options)
+    cold = jp.reliability.reach_probability("friction", *args, **options)
     assert cold.event.probability == pytest.approx(1e-4, rel=0.3)
     assert cold.structures.friction == cold.value == cold.event.limit_state.changes["friction"]
     assert len(cold.steps) <= 6
     # From the event at the first friction, whose points are not sought again; and from files.
     options |= {"start": start}
-    warm = jp.reach_probability("friction", *args, **options, store=tmp_path)
+    warm = jp.reliability.reach_probability("friction", *args, **options, store=tmp_path)
     assert warm.value == pytest.approx(cold.value, rel=0.05)
     assert warm.gradients < cold.gradients
     assert_survives_pickling(warm)
     with monkeypatch.context() as patch:
         patch.setattr(jp.LimitState, "gradients", None)
-        again = jp.reach_probability("friction", *args, **options, store=tmp_path)
+        again = jp.reliability.reach_probability("friction", *args, **options, store=tmp_path)
     assert again.value == warm.value
     # A closing does not depend on the gap at rest: where P is right already, any gap is.
     args = (cold.steps[0].probability, *args[1:])
-    any_gap = jp.reach_probability("initial_gap", *args, **options)
+    any_gap = jp.reliability.reach_probability("initial_gap", *args, **options)
     assert (any_gap.value, any_gap.error) == (1.0, np.inf)
-    refused("unknown path", jp.reach_probability, "fiction", *args, **options)
+    refused("unknown path", jp.reliability.reach_probability, "fiction", *args, **options)
     words = "reach_probability: scenarios: z_4 must not be discrete"
-    refused(words, jp.reach_probability, "friction", 1e-5, Chosen(), SHORT, 0.3)
+    refused(words, jp.reliability.reach_probability, "friction", 1e-5, Chosen(), SHORT, 0.3)
 
 
 def test_a_period_of_structure_1_is_in_the_unit_of_the_instants():

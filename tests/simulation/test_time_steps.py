@@ -219,7 +219,7 @@ CALLS = (
     lambda ground: jp.simulate(STRUCTURES, ground, GRID),
     lambda ground: jp.demand(STRUCTURES, ground, GRID),
     lambda ground: jax.grad(lambda s: jp.demand(s, ground, GRID).min_gap)(STRUCTURES),
-    lambda ground: jp.calibrate(SPACE, {"x1": np.zeros(41)}, ground, GRID),
+    lambda ground: jp.design.calibrate(SPACE, {"x1": np.zeros(41)}, ground, GRID),
     lambda ground: jp.Scenarios(UNCERTAIN, ground),
     lambda ground: jp.monte_carlo(scaled(ground), 8, GRID),
 )

@@ -87,10 +87,10 @@ def test_restitution_matters_to_the_energy_lost_and_times_of_impacts_have_no_var
     ground = jp.Ricker([0.12], [2.5], [2.5])
     uncertain = RESTITUTION | {"rod_2.order": jp.Uniform(0.529, 0.531)}
     scenarios = jp.Scenarios(jp.UncertainStructures(TOUCHING, uncertain), ground)
-    found = jp.sobol_sensitivity(scenarios, GRID, demand="contact_work", n=16)
+    found = jp.study.sobol_sensitivity(scenarios, GRID, demand="contact_work", n=16)
     assert found.total["contact.restitution"].value > 0.9
     words = r"there is no required gap unless .* a law of contact"
-    refused(words, jp.sobol_sensitivity, scenarios, GRID, n=16)
+    refused(words, jp.study.sobol_sensitivity, scenarios, GRID, n=16)
 
     def demands(structures, ground, *_):
         e = structures.contact.restitution
@@ -98,7 +98,7 @@ def test_restitution_matters_to_the_energy_lost_and_times_of_impacts_have_no_var
 
     monkeypatch.setattr(sensitivity, "demands_of", demands)
     words, time = "must be finite, but there is no impact in some scen", "first_impact_time"
-    refused(words, jp.sobol_sensitivity, SCENARIOS, GRID, demand=time, n=2)
+    refused(words, jp.study.sobol_sensitivity, SCENARIOS, GRID, demand=time, n=2)
 
 
 RECORD = jp.Record(0.1 * np.sin(np.arange(80)), 0.1, time_unit="1/ω1")
@@ -124,11 +124,11 @@ def drawn(structures):
 
 STUDIES = {
     "monte_carlo": lambda s: jp.monte_carlo(drawn(s), 4, GRID),
-    "sobol_sensitivity": lambda s: jp.sobol_sensitivity(drawn(s), GRID, n=4),
+    "sobol_sensitivity": lambda s: jp.study.sobol_sensitivity(drawn(s), GRID, n=4),
     "rare_event": lambda s: jp.rare_event(drawn(s), GRID, **DISPLACEMENT),
     "subset_simulation": lambda s: jp.subset_simulation(drawn(s), GRID, **DISPLACEMENT),
     "design_damper": designed,
-    "elasticities": lambda s: jp.elasticities(s, RECORD, GRID),
+    "elasticities": lambda s: jp.design.elasticities(s, RECORD, GRID),
     "perturbation_growth": lambda s: jp.study.perturbation_growth(s, RECORD, GRID),
     "simulate": lambda s: jp.simulate(s, RECORD, GRID),
 }
@@ -159,7 +159,7 @@ def test_single_precision_and_batches_are_told_by_the_function_that_was_called(n
 SEARCHES = {
     "rare_event": jp.rare_event,
     "subset_simulation": jp.subset_simulation,
-    "reach_probability": partial(jp.reach_probability, "friction", 1e-3),
+    "reach_probability": partial(jp.reliability.reach_probability, "friction", 1e-3),
 }
 
 

@@ -81,7 +81,7 @@ def test_links_without_a_gap_fail_nothing_and_have_no_sensitivities(tmp_path):
     np.testing.assert_array_equal(study(OPEN, store=tmp_path)["peak_x1"], found["peak_x1"])
     for ask in (lambda: found.pounding_probability(0.1), lambda: found.required_gap(0.1)):
         refused("column 'required_gap' must be one of min_gap", ask)
-    found = jp.sobol_sensitivity(scenarios(SYSTEM), GRID, n=4)
+    found = jp.study.sobol_sensitivity(scenarios(SYSTEM), GRID, n=4)
     assert (found.demand, [*found.first]) == ("required_gap", ["z_1", "z_2"])
     one = jp.Scenarios(SYSTEM, jp.CustomDraw(lambda z: wave([z[0], 0.0]), 1))
     for drawn, more, message in (
@@ -89,4 +89,4 @@ def test_links_without_a_gap_fail_nothing_and_have_no_sensitivities(tmp_path):
         (scenarios(OPEN), {"demand": "min_gap"}, "min_gap must be finite, but there is no gap"),
         (one, {}, r"scenarios.dimension = 1 must be at least 2"),
     ):
-        refused(message, jp.sobol_sensitivity, drawn, GRID, n=4, **more)
+        refused(message, jp.study.sobol_sensitivity, drawn, GRID, n=4, **more)

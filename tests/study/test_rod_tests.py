@@ -16,7 +16,7 @@ WORN = replace(SMOOTH, exponent=2.5, strength_degradation=0.05, stiffness_degrad
 
 
 def test_a_bilinear_rod_is_exact_for_any_sampling_and_its_loops_enclose_what_it_dissipates():
-    few, many = (jp.cyclic_test(BILINEAR, TURNS, 5.0, steps) for steps in (1, 64))
+    few, many = (jp.study.cyclic_test(BILINEAR, TURNS, 5.0, steps) for steps in (1, 64))
     # Along the line beyond yield in each direction: K (α e ± (1 − α) e_y).
     line = 5.0 * (0.05 * TURNS[1:] + 0.95 * 0.1 * np.array([1, -1, 1]))
     np.testing.assert_allclose(few.force[1:], line, rtol=1e-12)
@@ -26,13 +26,15 @@ def test_a_bilinear_rod_is_exact_for_any_sampling_and_its_loops_enclose_what_it_
     stored = 5.0 * (0.05 * 0.25**2 + 0.95 * 0.1**2) / 2
     assert work - stored == pytest.approx(float(many.dissipated[-1]), rel=2e-3)
     limited = replace(BILINEAR, ultimate_displacement=0.2)
-    assert len({*jp.cyclic_test(limited, [0.0, 0.2, 0.25, 0.3], steps=1).force.tolist()}) == 2
+    assert len({*jp.study.cyclic_test(limited, [0.0, 0.2, 0.25, 0.3], steps=1).force.tolist()}) == 2
 
 
 def test_a_smooth_rod_is_of_second_order_in_its_steps():
-    few = jp.cyclic_test(SMOOTH, TURNS, steps=1).force
+    few = jp.study.cyclic_test(SMOOTH, TURNS, steps=1).force
     assert few[1] == pytest.approx(0.05 * 0.3 + 0.95 * 0.1 * (1 - np.exp(-3.0)), rel=1e-12)
-    coarse, fine, finest = (jp.cyclic_test(WORN, TURNS, steps=n).force[-1] for n in (16, 32, 256))
+    coarse, fine, finest = (
+        jp.study.cyclic_test(WORN, TURNS, steps=n).force[-1] for n in (16, 32, 256)
+    )
     assert abs(coarse - finest) > 3.4 * abs(fine - finest)
     assert fine == pytest.approx(float(finest), rel=1e-3)
 
@@ -43,7 +45,7 @@ def test_forces_have_the_derivatives_of_central_differences():
 
     def forces(numbers):
         changed = replace(WORN, **dict(zip(names, numbers[:-1], strict=True)))
-        test = jp.cyclic_test(changed, TURNS, numbers[-1], 8)
+        test = jp.study.cyclic_test(changed, TURNS, numbers[-1], 8)
         return jnp.array([test.force[-1], test.dissipated[-1]])
 
     step, wrong = 1e-6 * np.eye(6), np.array([-0.1, *at[1:]])
@@ -60,5 +62,5 @@ test_wrong_tests_are_refused = refusals(
     (BILINEAR, [0.3], r"displacements of shape \(1,\) must be \(n,\)"),
     (BILINEAR, [0.3, np.inf], r"displacements = inf \(at index \[1\]\) must be finite"),
     (BILINEAR, TURNS, -1.0, "stiffness = -1 must be positive"),
-    of=jp.cyclic_test,
+    of=jp.study.cyclic_test,
 )

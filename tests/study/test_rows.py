@@ -153,7 +153,7 @@ def test_links_that_are_not_there_or_far_are_named(study, folder):
 def test_sensitivities_of_random_storeys():
     uncertain = jp.UncertainStructures(ROW, STIFFNESS, correlation=0.9)
     scenarios = jp.Scenarios(uncertain, jp.Ricker(0.2, [2.0], [1.5]))
-    found = jp.sobol_sensitivity(scenarios, GRID, demand="peak_drift", n=64)
+    found = jp.study.sobol_sensitivity(scenarios, GRID, demand="peak_drift", n=64)
     assert [*found.first] == [*uncertain.uncertain]
     total = {path: x.value for path, x in found.total.items()}
     # The second storey of a building has little that the first does not tell.

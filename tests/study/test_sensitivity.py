@@ -20,7 +20,7 @@ SCENARIOS = jp.Scenarios(SLIDING, jp.CustomDraw(wave, 3, ("one", "two", "none"))
 
 def test_indices_of_a_product_are_its_closed_form():
     """Variance 1 + 0.25 + 0.04, of which the last belongs to both."""
-    found = jp.sobol_sensitivity(SCENARIOS, GRID, demand="peak_x1", n=2048)
+    found = jp.study.sobol_sensitivity(SCENARIOS, GRID, demand="peak_x1", n=2048)
     variance = 1.29
     for name, first, total in (("one", 1.0, 1.04), ("two", 0.25, 0.29), ("none", 0.0, 0.0)):
         assert found.first[name].value == pytest.approx(first / variance, abs=0.02)
@@ -31,7 +31,7 @@ def test_indices_of_a_product_are_its_closed_form():
     shown = assert_shown(found)
     at = shown.index("two")
     assert shown[at + 1 : at + 3] == [str(found.first["two"]), str(found.total["two"])]
-    again = jp.sobol_sensitivity(SCENARIOS, GRID, demand="peak_x1", n=2048)
+    again = jp.study.sobol_sensitivity(SCENARIOS, GRID, demand="peak_x1", n=2048)
     assert again.first == found.first
 
 
@@ -42,7 +42,7 @@ test_bad_arguments_are_named = refusals(
     ({"demand": "friction_work"}, "friction_work = 0 must vary, but does not"),
     ({"confidence": 2.0}, "confidence = 2 must be between 0 and 1"),
     ({"scenarios": 3}, "scenarios = 3 must be of type ScenarioSet"),
-    of=lambda change: jp.sobol_sensitivity(**ARGUMENTS | change),
+    of=lambda change: jp.study.sobol_sensitivity(**ARGUMENTS | change),
 )
 
 
@@ -52,8 +52,8 @@ def test_scenarios_that_fail_or_are_not_resolved_are_told():
         return dataclasses.replace(SLIDING, rod_1=jp.ZenerRod(order, 0.1, 1.0))
 
     half = jp.Scenarios(jp.CustomDraw(structures, 2), jp.Ricker(0.3, [2.0], [1.5]))
-    refused(r"32 of 64 scenarios fail", jp.sobol_sensitivity, half, GRID, n=16)
+    refused(r"32 of 64 scenarios fail", jp.study.sobol_sensitivity, half, GRID, n=16)
     coarse, said = jp.TimeGrid(0.4, 10), r"^sobol_sensitivity: ground: 100% of the 4 earthquakes"
     with pytest.warns(jp.PlausibilityWarning, match=said):
-        jp.sobol_sensitivity(SCENARIOS, coarse, demand="peak_x1", n=4)
-    refused(said, jp.sobol_sensitivity, SCENARIOS, coarse, demand="peak_x1", n=4, strict=True)
+        jp.study.sobol_sensitivity(SCENARIOS, coarse, demand="peak_x1", n=4)
+    refused(said, jp.study.sobol_sensitivity, SCENARIOS, coarse, demand="peak_x1", n=4, strict=True)

@@ -15,6 +15,7 @@ SMALL = {
     "rods": partial(CASES["rods"], (0.05, 0.025)),
     "el_centro": partial(CASES["el_centro"], COARSE),
     "den_hartog": partial(CASES["den_hartog"], (0.04, 0.02)),
+    "damping": partial(CASES["damping"], COARSE),
     "coulomb_decay": partial(CASES["coulomb_decay"], (0.05, 0.025)),
     "collisions": partial(CASES["collisions"], (0.05,), [("newton",)]),
     "paper_case": partial(CASES["paper_case"], (0.02,), ["default"]),

@@ -100,12 +100,12 @@ class Coupled(NamedTuple):
         apart = Contact(*(jnp.broadcast_to(zero, shape),) * len(Contact._fields))
         return state._replace(half=closing, contact=apart)
 
-    def along(self, y: Sequence[Any]) -> Any:
+    def along(self, y: Sequence[Any] | jax.Array) -> Any:
         """C y: closings, velocities or accelerations of the joints from those of the masses."""
         joints = (joint for group in self.of for joint in group.joints)
         return self._array([along(joint.ends, y) for joint in joints])
 
-    def pull(self, free: Sequence[Any], ground: jax.Array) -> jax.Array:
+    def pull(self, free: Sequence[Any], ground: jax.Array | None) -> jax.Array:
         """A = C (a − ι u''), relative accelerations of joints from the free ones of the masses."""
         pulls = [
             less_ground(along(joint.ends, free), iota, ground)

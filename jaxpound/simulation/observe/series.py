@@ -30,6 +30,8 @@ class StoredSeries(NamedTuple):
     x: tuple[Any, ...]
     v: tuple[Any, ...]
     forces: tuple[Any, ...]
+    damping: tuple[Any, ...] | None  # forces on masses
+    loads: tuple[Any, ...] | None
     dissipated: tuple[Any, ...]  # energy, by each rod that yields
     links: tuple[dict[str, Any], ...]  # closing, and the entries of a ``LinkResponse``
     impacts: tuple[Impacts | None, ...]  # that ended in each step, for each link that may touch
@@ -61,7 +63,8 @@ class StoredSeries(NamedTuple):
             impacts.append(impact)
         rods = zip(constants.rods, now.rods, strict=True)
         dissipated = tuple(law.dissipated(rod.state) for law, rod in rods)
-        return StoredSeries(now.x, now.v, now.forces, dissipated, tuple(links), tuple(impacts))
+        series = now.x, now.v, now.forces, now.damping, now.loads, dissipated
+        return StoredSeries(*series, tuple(links), tuple(impacts))
 
 
 def response_of(
@@ -87,15 +90,14 @@ def response_of(
     # the ground velocity now by the bulge, which is added; but not as the run starts.
     bulge = bulge.at[0].set(0)
     v = [v + share * bulge for v, share in zip(stored.v, with_ground, strict=True)]
+    damping, loads = (y or (None,) * len(v) for y in (stored.damping, stored.loads))
+    numbers = zip(stored.x, v, system.masses, system.influences, damping, loads, strict=True)
     return Response(
         time=time + rest,
         ground_acceleration=jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest,
         ground_velocity=ground_velocity + rest,
         masses=tuple(
-            MassResponse(x, v, mass + rest[0], influence)
-            for x, v, mass, influence in zip(
-                stored.x, v, system.masses, system.influences, strict=True
-            )
+            MassResponse(x, v, mass + rest[0], *others) for x, v, mass, *others in numbers
         ),
         rods=tuple(
             RodResponse(force, ends, dissipated, rod.weights)

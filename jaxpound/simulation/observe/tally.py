@@ -44,6 +44,7 @@ class _Observed(NamedTuple):
     smooth: Any  # whether no jump of all series is among the last three samples
     links: tuple[LinkTally, ...]  # with this instant
     last_forces: Sequence[jax.Array]  # of the rods, an instant before
+    last_on_masses: Sequence[jax.Array] | None
     last_ground: jax.Array
 
     def displacement(self, ends: WeightedEnds) -> Sample:
@@ -109,7 +110,7 @@ class _Observed(NamedTuple):
             settled &= jnp.stack([link.instants_since_turn >= WINDOW for link in links]).all()
             for jump in now.groups[group].jumps:
                 reached.append(self.accelerated(mass, group, jump.forces, jump.time))
-        elif len(rods) == 1:  # of its rod
+        elif len(rods) == 1 and now.on_masses is None:  # of its rod
             force = self.force(rods[0])
             share = dict(self.system.rod_ends[rods[0]])[mass] / self.system.masses[mass]
             return Sample(share * force.value, force.smooth, [share * y for y in force.others])
@@ -140,10 +141,16 @@ class _Observed(NamedTuple):
             share = late / system.dt
             ground = ground + (ground - self.last_ground) * share
 
+        def then(force: jax.Array, last: jax.Array) -> jax.Array:
+            return force if share is None else force + (force - last) * share
+
         def rod_force(number: int) -> jax.Array:
-            force = self.now.forces[number]
-            force = force if share is None else force + (force - self.last_forces[number]) * share
+            force = then(self.now.forces[number], self.last_forces[number])
             return kink.get(number, force)
+
+        more = None
+        if (on_masses := self.now.on_masses) is not None and self.last_on_masses is not None:
+            more = [*map(then, on_masses, self.last_on_masses)]
 
         ends, acting = list[WeightedEnds](), list[Any]()
         for number, rod_ends in enumerate(system.rod_ends):
@@ -155,11 +162,13 @@ class _Observed(NamedTuple):
             if late is not None and any(inert is not None for inert in inertia):
                 by_group = [seen.forces for seen in self.now.groups]
                 by_group[group] = forces
-                free = system.free_accelerations([*map(rod_force, range(len(system.rods)))])
+                forces_then = [*map(rod_force, range(len(system.rods)))]
+                free = system.free_accelerations(forces_then, more)
                 inertia = system.inertia(free, ground, by_group)[group]
             ends += [joint.ends for joint in system.groups[group].joints]
             acting += added(forces, inertia)
-        return load_on(mass, ends, acting) / system.masses[mass]
+        load = load_on(mass, ends, acting)
+        return (load if more is None else load + more[mass]) / system.masses[mass]
 
 
 def paths(system: StepConstants, topology: Topology) -> list[WeightedEnds]:
@@ -193,6 +202,7 @@ class Tally(NamedTuple):
     forces: Peaks  # of the rods
     first_yields: tuple[jax.Array | None, ...]  # times, of rods that yield
     links: tuple[LinkTally, ...]
+    on_masses: list[jax.Array] | None = None  # forces of no rod and no link, an instant before
 
     @staticmethod
     def start(
@@ -234,6 +244,7 @@ class Tally(NamedTuple):
                 lambda _: zero + jnp.inf, (rod.yield_displacement for rod in constants.rods)
             ),
             links=links,
+            on_masses=[zero] * topology.n_masses if constants.has_forces_on_masses else None,
         )
 
     def observe(
@@ -249,7 +260,8 @@ class Tally(NamedTuple):
             for link, seen in zip(self.links, now.links, strict=True)
         )
         last_forces = [force.last for force in self.forces.each()]
-        instant = _Observed(now, system, smooth, links, last_forces, self.ground.last)
+        last = last_forces, self.on_masses, self.ground.last
+        instant = _Observed(now, system, smooth, links, *last)
         observed = paths(system, topology)
         displacements = self.displacements.observe([*map(instant.displacement, observed)])
         before, after = self.displacements.each(), displacements.each()
@@ -267,6 +279,7 @@ class Tally(NamedTuple):
                 (after[i] for i in topology.elongations),
             ),
             links=links,
+            on_masses=now.on_masses,
         )
 
     def demand(

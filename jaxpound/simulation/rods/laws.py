@@ -10,6 +10,7 @@ from jax.tree_util import register_dataclass
 
 from jaxpound.model.dampers import Dashpot, PowerLaw
 from jaxpound.model.hysteresis import hysteresis_of, zener_of
+from jaxpound.model.rod import Spring
 from jaxpound.model.system import Rod
 from jaxpound.simulation.rods.dashpot import BracedDashpot, PureDashpot
 from jaxpound.simulation.rods.law import RodLaw, RodStep
@@ -29,12 +30,29 @@ def law_of(rod: Rod, dt: float, order: int, relaxed_at: Any = None) -> RodLaw:
     if isinstance(material, PowerLaw):
         return BracedDashpot.of(material, stiffness, dt)
     zener, law = zener_of(material), hysteresis_of(material)
+    if isinstance(material, Spring):
+        return Elastic(stiffness)
     if zener is None:
         return Hysteretic(law, stiffness)
     memory = Zener.of(zener, stiffness, dt, order, relaxed_at)
     if law is None:
         return memory
     return HystereticZener(Hysteretic(law, stiffness), memory)
+
+
+@register_dataclass
+@dataclass(frozen=True)
+class Elastic(RodLaw):
+    """A spring, whose force is K e."""
+
+    modulus: Any
+
+    def step(
+        self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
+    ) -> RodStep:
+        """The force of an elongation."""
+        force = self.modulus * (elongation if mean is None else mean)
+        return RodStep(force, force, None)
 
 
 @register_dataclass
