@@ -20,16 +20,10 @@ _CAPACITY = Range(1e-6, 1e12, "N", "a shear force")
 class Column(Batch):
     r"""The columns of a storey that a floor of the neighbour hits, as one without mass.
 
-    Hit at the share ξ of the height l of its storey, a column bends. The point moves by
-    :math:`(1 - w)` of the floor below and w of the floor above, which take the same shares of the
-    force, and by the deflection, the force over the stiffness :math:`k_c`:
-
-    ===========  ======================  ================================
-    ``ends``     w                       :math:`k_c`
-    ===========  ======================  ================================
-    ``"fixed"``  :math:`3 ξ^2 - 2 ξ^3`   :math:`3 E I/(l^3 ξ^3 (1-ξ)^3)`
-    ``"pinned"`` ξ                       :math:`3 E I/(l^3 ξ^2 (1-ξ)^2)`
-    ===========  ======================  ================================
+    Hit at the share ξ of the height l of its storey, a column bends. The point moves by the share
+    :math:`1 - w` of the floor below and w of the floor above, which take the same shares of the
+    force, and by the force over a stiffness: built in, :math:`w = 3 ξ^2 - 2 ξ^3` and :math:`k_c =
+    3 E I/(l^3 ξ^3 (1-ξ)^3)`; pinned, :math:`w = ξ` and :math:`k_c = 3 E I/(l^3 ξ^2 (1-ξ)^2)`.
 
     Contact and column act in series. In the place of k and the dashpot c of ``KelvinVoigt``, the
     only law for columns, stand k s and c s², with the contact's share s = k_c/(k + k_c) of the

@@ -112,14 +112,7 @@ def link_place(end: Ends, other: Ends | None) -> str:
 
 
 def column_place(hit: Ends, storey: Ends) -> str:
-    """A link at a column by the floor that hits it and its storey, from 1, of their buildings.
-
-    Examples
-    --------
-    >>> from jaxpound.model.places import column_place
-    >>> column_place((1, 3), (2, 2)), column_place((2, 1), (1, 2))
-    ('1–2, floor 3–column 2', '1–2, column 2–floor 1')
-    """
+    """A link at a column, ``1–2, floor 3–column 2``, by the floor that hits it and its storey."""
     (left, a), (right, b) = sorted(((hit[0], _floor(hit[1])), (storey[0], f"column {storey[1]}")))
     return f"{left}–{right}, {a}–{b}"
 

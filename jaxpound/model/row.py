@@ -205,12 +205,7 @@ class Row:
         check(self)
         floors = [len(building.masses) for building in self.buildings]
         require_floors(floors, self.links, LinkLabels())
-        columns = [link.column for link in self.links]
-        for k, column in enumerate(columns):
-            if column is not None and (column.position is None or column.height is None):
-                rule = "must have position and height, as a row has no elevations"
-                raise InvalidInput(f"links.{k}.column", "", rule)
-        if any(columns):
+        if any(link.column for link in self.links):
             require_independent(self.system())
 
     @property
@@ -315,8 +310,7 @@ _SLAB = 0.2
 with low storeys it is a quarter of a storey."""
 
 
-Meeting = tuple[int, int, int, Column | None]
-"""The building on the left of a gap, its floor, that on the right, and a column that one hits."""
+Meeting = tuple[int, int, int, Column | None]  # building on the left, floors, a column hit
 
 
 def meeting_floors(
@@ -488,6 +482,9 @@ def _at_column(link: FloorLink) -> dict[str, Any]:
     """The weights and the law of a link at a column, which moves as floors and it do."""
     if (column := link.column) is None:
         return {}
+    if column.position is None or column.height is None:
+        rule = "must have position and height where buildings have no elevations"
+        raise InvalidInput(f"link {link}: column", "", rule)
     sign, w = -1.0 if column.side == "left" else 1.0, column.weight
     storey = link.floor if column.side == "left" else link.other_floor
     weights = (sign, -sign * w, -sign * (1 - w))[: 2 + (storey > 0)]
@@ -499,15 +496,10 @@ def at_elevations(link: FloorLink, buildings: Sequence[Any], name: str) -> Floor
 
     An ``InvalidInput``, with the name of the link, if they do not say it.
     """
-    if (column := link.column) is None:
+    column, floors = link.column, (link.floor, link.other_floor)
+    pair = buildings[link.building], buildings[max(link.other_building, 0)]
+    if column is None or not all(isinstance(building, ShearBuilding) for building in pair):
         return link
-    pair = buildings[link.building], buildings[link.other_building]
-    if not all(isinstance(building, ShearBuilding) for building in pair):
-        if column.position is None or column.height is None:
-            rule = "must have position and height, as buildings are no ShearBuilding"
-            raise InvalidInput(f"{name}column", "", rule)
-        return link
-    floors = link.floor, link.other_floor
     ups = [float(np.cumsum(x.heights)[floor]) for x, floor in zip(pair, floors, strict=True)]
     side = column.side or ("left" if ups[0] > ups[1] else "right")
     on_right = side == "right"

@@ -276,13 +276,8 @@ def value_of(system: System, demand: Demand, spec: DemandSpec) -> Any:
     raise InvalidInput("", "", f"unknown demand {reprlib.repr(spec)}; {hint(spec, values)}")
 
 
-_NEEDED = {
-    "contact": "a contact law",
-    "column": "contact at a column",
-    "capacity": "contact at a column with a capacity",
-    "yielding": "a rod that yields",
-}
-"""What structures must have for the quantities that some have only."""
+_NEEDED = {"contact": "a contact law", "yielding": "a rod that yields"}
+_NEEDED |= {"column": "contact at a column", "capacity": "contact at a column with a capacity"}
 
 
 def require_limited(name: Any, place: str) -> None:

@@ -134,7 +134,7 @@ test_what_cannot_be_is_refused = refusals(
     (lambda: FloorLink(0, 1, 0, next_building=0, column=COLUMN), "must be of one gap between"),
     (
         lambda: jp.Row((NEIGHBOURS, NEIGHBOURS), (at_column(),)),
-        "Row: links.0.column must have position and height, as a row has no elevations",
+        "Row: link 1–2, floors 1–2, column: column must have position and height where",
     ),
     (
         lambda: jp.Buildings((LOW, HIGH), (FloorLink(0, 0, 2, gap=0.1, column=COLUMN),)),
