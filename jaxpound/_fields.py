@@ -107,8 +107,8 @@ class Quantity(NamedTuple):
     stand for the number, from 1, of the mass, rod or link that it belongs to, a star for its
     field's name, or in a symbol its column's in words. Tables list lower ranks first. A design may
     be limited in it, or pay for it, if ``limited``; Richardson's method extrapolates ``smooth``
-    series. Elements may have it ``only`` if they are links with "contact", rods that are a "storey"
-    between two masses, or rods that may be "yielding".
+    series. Elements may have it ``only`` if they are links with "contact", at a "column" or one of
+    a known "capacity", rods that are a "storey" between two masses, or may be "yielding".
     """
 
     kind: str | None

@@ -13,15 +13,23 @@ from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import check, parameter, part, pytree_dataclass, ranges, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.plausibility import FRICTION, GAP, doubts
-from jaxpound.model.row import FloorLink, LinkLabels, Row, by_face, require_floors, require_heights
+from jaxpound.model.row import (
+    FloorLink,
+    LinkLabels,
+    Row,
+    at_elevations,
+    by_face,
+    require_floors,
+    require_heights,
+)
 from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
-from jaxpound.model.system import System, as_tuple, is_closable
+from jaxpound.model.system import System, as_tuple, is_closable, require_independent
 from jaxpound.model.topology import GROUND
 from jaxpound.model.vibration import Modes, modes
 from jaxpound.quantities import SI, STANDARD_GRAVITY
 from jaxpound.units import Scales, law_in_other_units
 
-_LAWS = ("contact", "damper", "velocity_friction", "inerter")  # of a link, all with units
+_LAWS = ("contact", "damper", "velocity_friction", "inerter", "column")  # of a link, all with units
 
 
 @pytree_dataclass
@@ -94,6 +102,8 @@ class Buildings:
         floors = [len(storeys_of(building)) for building in self.buildings]
         require_floors(floors, self.links, LinkLabels())
         require_heights(self.buildings, self.links, LinkLabels())
+        if any(link.column for link in self.links):
+            require_independent(self.system())
 
     @property
     def doubts(self) -> list[str]:
@@ -157,7 +167,7 @@ class Buildings:
         """
         scales, links = self.scales, list[FloorLink]()
         law_in_units = partial(law_in_other_units, scales=scales, convert=operator.truediv)
-        for k, link in enumerate(self.links):
+        for k, link in enumerate(self._links):
             laws = {x: law_in_units(f"links.{k}.{x}", getattr(link, x)) for x in _LAWS}
             friction, gap = link.friction / scales.force, link.gap / scales.length
             links.append(replace(link, friction=friction, gap=gap, **laws))
@@ -171,4 +181,11 @@ class Buildings:
         Links are in SI.
         """
         buildings = tuple(in_units(x, mass, stiffness, frequency, length) for x in self.buildings)
-        return unchecked(Row, buildings=buildings, links=self.links)
+        return unchecked(Row, buildings=buildings, links=self._links)
+
+    @property
+    def _links(self) -> tuple[FloorLink, ...]:
+        """The links, with the positions of columns."""
+        return tuple(
+            at_elevations(link, self.buildings, f"links.{k}: ") for k, link in enumerate(self.links)
+        )

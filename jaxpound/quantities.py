@@ -18,6 +18,7 @@ _UNITS = {  # of each kind of quantity
     "mass": ("kg", "m1"),
     "stiffness": ("N/m", "m1 ω1²"),
     "damping": ("N s/m", "m1 ω1"),
+    "rigidity": ("N m²", "m1 g³/ω1⁴"),
     "hertz stiffness": ("N/m^1.5", "m1 ω1³/√g"),
 }
 SI = {kind: unit for kind, (unit, _) in _UNITS.items()}

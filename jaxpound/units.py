@@ -16,6 +16,7 @@ from jaxpound._fields import Parameter, converted, parameter, pytree_dataclass, 
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundMotion, require_seconds
 from jaxpound.ground.record import Record
+from jaxpound.model.column import Column
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import Inerter, VelocityFriction
 from jaxpound.model.hysteresis import material_in
@@ -27,7 +28,7 @@ from jaxpound.results.response import Response
 
 Timed = TypeVar("Timed", bound=Any)
 Result = TypeVar("Result", Response, Demand)
-Law = TypeVar("Law", bound=ContactLaw | Newton | Rod | VelocityFriction | Inerter | None)
+Law = TypeVar("Law", bound=ContactLaw | Newton | Rod | VelocityFriction | Inerter | Column | None)
 
 
 @pytree_dataclass
@@ -76,6 +77,7 @@ class Scales:
             "mass": self.mass,
             "stiffness": self.force / self.length,
             "damping": self.mass / self.time,
+            "rigidity": self.force * self.length**2,
             "hertz stiffness": self.force / self.length**1.5,
         }
 
@@ -149,7 +151,7 @@ def law_in_other_units(
     name: str, law: Law, scales: Scales, convert: Callable[[Any, Any], Any]
 ) -> Law:
     """A law of a link, or a damper, with each parameter converted by the unit of its kind."""
-    if not isinstance(law, Rod | VelocityFriction | Inerter):
+    if not isinstance(law, Rod | VelocityFriction | Inerter | Column):
         instance(name, law, ContactLaw, Newton, NoneType)
     if law is None:
         return law

@@ -25,6 +25,7 @@ FACTORS = {"time": SCALES.time, "length": SCALES.length, "velocity": SCALES.leng
 FACTORS |= {"acceleration": SCALES.gravity, "force": SCALES.force, "mass": SCALES.mass}
 FACTORS |= {"energy": SCALES.force * SCALES.length, "impulse": SCALES.force * SCALES.time}
 FACTORS["stiffness"] = SCALES.mass * SCALES.frequency**2
+FACTORS["rigidity"] = SCALES.force * SCALES.length**2
 FACTORS["damping"] = SCALES.mass * SCALES.frequency
 FACTORS["hertz stiffness"] = FACTORS["stiffness"] * SCALES.frequency / SCALES.gravity**0.5
 ONES = pair_demand(1.0, soft=1.0, contact=True)

@@ -2,6 +2,7 @@
 
 from benchmarks.verification import (
     collisions,
+    columns,
     coulomb_decay,
     damping,
     den_hartog,
@@ -26,6 +27,7 @@ CASES = {
     "collisions": collisions.case,
     "paper_case": paper_case.case,
     "rows": rows.case,
+    "columns": columns.case,
     "yielding": yielding.case,
     "energy": energy.case,
     "gradients": gradients.case,

@@ -18,7 +18,15 @@ from msgspec import Meta
 import jaxpound as jp
 from jaxpound.cli.isolation import IsolationSection, TunedMassSection, device_of
 from jaxpound.cli.reading import Form, Section, between, each, named, of_field, refused, says, shown
-from jaxpound.cli.tables import LAWS, ContactSection, DamperSection, Friction, Gaps, of_faces
+from jaxpound.cli.tables import (
+    LAWS,
+    ColumnSection,
+    ContactSection,
+    DamperSection,
+    Friction,
+    Gaps,
+    of_faces,
+)
 from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
 from jaxpound.model.building import DAMPING, PERIOD, ROD
@@ -258,6 +266,7 @@ class LinkSection(Section):
     damper: DamperSection | None = None
     velocity_friction: VelocityFriction | None = None
     inerter: Inerter | None = None
+    column: ColumnSection | None = None
 
     def __post_init__(self) -> None:
         self.require_form(*((_COMMON, _FLOOR) if self.floors == "common" else (_FLOOR, _FLOORS)))
@@ -273,25 +282,30 @@ class LinkSection(Section):
 
     def links(self, buildings: Sequence[jp.ShearBuilding]) -> list[jp.FloorLink]:
         """The library's ``FloorLink``, of each floor and face."""
-        floors: Iterable[Any]  # building b, floor i, the next floor j and the next building
+        floors: Iterable[Any]  # building b, floor i, next floor j, next building and column
+        column: Any = self.column and self.column.model()
         if self.floors == "common":
             left, last = None if self.building is None else self.building - 1, len(buildings) - 1
             if left is not None and not left < last:
                 rule = f"must be from 1 to {last}, with another building to the right"
                 raise refused("building", rule, str(self.building))
-            common = jp.floor_links(buildings, gap=of_faces(self.gap), building=left)
-            floors = [(x.building, x.floor, x.next_floor, None) for x in common]
+            gap = of_faces(self.gap)
+            common = jp.floor_links(buildings, gap=gap, building=left, columns=column)
+            floors = [(x.building, x.floor, x.next_floor, None, x.column) for x in common]
         else:
             stated: Any = self  # with a building, and one floor or several
             other = self.next_building  # from here on numbers are those of FloorLink, from 0
             other = jp.GROUND if other == "ground" else None if other is None else other - 1
             next_floor = None if self.next_floor is None else self.next_floor - 1
             numbers = stated.floors or [stated.floor]
-            floors = [(stated.building - 1, i - 1, next_floor, other) for i in numbers]
+            floors = [(stated.building - 1, i - 1, next_floor, other, column) for i in numbers]
         between: Any = {key: x.model() for key, x in self.stated().items() if key in LAWS}
         between |= {"friction": self.friction_force or 0.0, "gap": of_faces(self.gap)}
         between["side"] = self.side or "right"
-        links = [jp.FloorLink(b, i, j, next_building=other, **between) for b, i, j, other in floors]
+        links = []
+        for b, i, j, other, column in floors:
+            ends = {"next_floor": j, "next_building": other, "column": column}
+            links.append(jp.FloorLink(b, i, **(between | ends)))
         return [*by_face(links)]
 
 
@@ -421,7 +435,7 @@ def _law(law: Any) -> list[str]:
         return [*_law(law.material), *brace]
     classes = ContactSection.CLASSES | DamperSection.CLASSES
     names = [f'law = "{name}"' for name, kind in classes.items() if isinstance(law, kind)]
-    return names + [f"{key} = {_written(x)}" for key, x in vars(law).items()]
+    return names + [f"{key} = {_written(x)}" for key, x in vars(law).items() if x is not None]
 
 
 def _written(value: Any) -> str:

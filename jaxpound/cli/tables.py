@@ -18,6 +18,7 @@ from jaxpound._checks import Range
 from jaxpound.cli import reading
 from jaxpound.cli.reading import Count, Form, Section, between, named, of_field, refused, says
 from jaxpound.model.plausibility import FRICTION, GAP
+from jaxpound.model.shear_building import HEIGHT
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
 from jaxpound.scenarios.random_ground import GroundDraw
 from jaxpound.simulation.time_steps import DURATION
@@ -147,11 +148,27 @@ class InerterSection(Section):
         return jp.Inerter(**self.stated())
 
 
+class ColumnSection(Section):
+    """The columns of a storey that a floor of the neighbour hits."""
+
+    rigidity: Annotated[float, of_field(jp.model.Column, "rigidity")]
+    ends: Literal["fixed", "pinned"] | None = None
+    capacity: Annotated[float, of_field(jp.model.Column, "capacity")] | None = None
+    position: Annotated[float, between(1e-6, 1 - 1e-6, "", "of the height")] | None = None
+    height: Annotated[float, between(*HEIGHT)] | None = None
+    side: Literal["left", "right"] | None = None
+
+    def model(self) -> jp.model.Column:
+        """The library's column, in SI units."""
+        return jp.model.Column(**self.stated())
+
+
 LAWS: dict[str, Any] = {  # the tables of a link that are objects of the library
     "contact": ContactSection,
     "damper": DamperSection,
     "velocity_friction": VelocityFrictionSection,
     "inerter": InerterSection,
+    "column": ColumnSection,
 }
 Velocity = between(1e-9, 1, "m/s", "the damper slips at up to about 1 m/s")
 

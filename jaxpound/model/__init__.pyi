@@ -1,6 +1,7 @@
 from .building import Building as Building
 from .capacity_curve import Pushover as Pushover
 from .capacity_curve import pushover as pushover
+from .column import Column as Column
 from .contact import ContactLaw as ContactLaw
 from .contact import Hertz as Hertz
 from .contact import HertzDamped as HertzDamped

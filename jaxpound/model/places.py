@@ -64,6 +64,10 @@ def link_places(topology: Topology) -> tuple[str, ...]:
     """
     home, places = homes(topology), list[str]()
     for ends in topology.links:
+        if isinstance(ends, WeightedMasses) and ends.column and home:
+            hit, storey = (home[mass] for mass in ends.masses[:2])
+            places.append(column_place(hit, storey))
+            continue
         if isinstance(ends, WeightedMasses):
             numbers = ", ".join(str(mass + 1) for mass in ends.masses)
             words = f"mass{'es' * (len(ends.masses) > 1)} {numbers}"
@@ -105,6 +109,12 @@ def link_place(end: Ends, other: Ends | None) -> str:
         return f"{between}, {_floor(floor)}–{_floor(next_floor)}"
     floors = _floor(floor) if floor == next_floor else f"floors {floor}–{next_floor}"
     return f"{between}, {floors}"
+
+
+def column_place(hit: Ends, storey: Ends) -> str:
+    """A link at a column, ``1–2, floor 3–column 2``, by the floor that hits it and its storey."""
+    (left, a), (right, b) = sorted(((hit[0], _floor(hit[1])), (storey[0], f"column {storey[1]}")))
+    return f"{left}–{right}, {a}–{b}"
 
 
 def _floor(number: int) -> str:

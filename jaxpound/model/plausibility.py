@@ -18,7 +18,7 @@ from jaxpound._fields import Parameter, walk
 from jaxpound.model.hysteresis import hysteresis_of
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Link, System
-from jaxpound.model.topology import GROUND, stacks
+from jaxpound.model.topology import GROUND, masses_of, stacks
 from jaxpound.quantities import SI, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ def _width(place: str, link: Link, floors: _Floors) -> str:
     """A finding if the gap is out of proportion to the displacements of both its sides."""
     if not is_known_and_single(link.gap) or link.gap == np.inf:
         return ""
-    gap, moved = float(link.gap), sum(floors.moved[end] for end in link.ends if end != GROUND)
+    gap, moved = float(link.gap), floors.moved[[*masses_of(link.ends)[:2]]].sum()
     if gap <= FAR_GAP * moved:
         return ""
     return (
@@ -221,9 +221,9 @@ def _touching(place: str, link: Link, floors: _Floors) -> str:
     """A finding if a contact lasts too long or too short beside the floors' periods."""
     of_law = {parameter.kind: x for _, parameter, x in walk(link.contact, Parameter)}
     kind = next(filter(of_law.__contains__, _STIFFNESSES), "")
-    if not kind or not is_known_and_single(of_law[kind]):
+    if not kind or link.column or not is_known_and_single(of_law[kind]):
         return ""
-    ends = [end for end in link.ends if end != GROUND]
+    ends = [*masses_of(link.ends)]
     masses, stiffness, unit = floors.masses[ends], float(of_law[kind]), SI[kind]
     mass, period = 1 / (1 / masses).sum(), floors.periods[ends[int(masses.argmin())]]
     if kind == "stiffness":

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from types import NoneType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -13,9 +15,10 @@ from jaxpound._checks import as_tuple, instance, is_whole, require_one_of
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import check, like, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
-from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.column import Column
+from jaxpound.model.contact import ContactLaw, KelvinVoigt, Newton
 from jaxpound.model.dampers import Inerter, VelocityFriction
-from jaxpound.model.places import homes, link_place
+from jaxpound.model.places import column_place, homes, link_place
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import (
@@ -26,9 +29,19 @@ from jaxpound.model.system import (
     faces_of,
     is_closable,
     require_face,
+    require_independent,
     without_dampers,
 )
-from jaxpound.model.topology import GROUND, Ends, Topology, faces, masses_of, ring
+from jaxpound.model.topology import (
+    GROUND,
+    AnyEnds,
+    Ends,
+    Topology,
+    WeightedMasses,
+    faces,
+    masses_of,
+    ring,
+)
 from jaxpound.model.vibration import first_frequency
 from jaxpound.quantities import DIMENSIONLESS
 
@@ -61,6 +74,10 @@ class FloorLink:
     side
         "left" of the left face of a link, where the gap closes as ``building`` moves to the left of
         the other end; a ``Row`` makes it of a link of two faces. "right" by default.
+    column
+        The ``Column`` that one of the floors hits: that of the storey below the other one, which is
+        higher. The link then has only one gap, and contact by ``KelvinVoigt`` or none, and joins
+        neighbours. None by default.
 
     Examples
     --------
@@ -70,6 +87,11 @@ class FloorLink:
     1–2, floor 3
     >>> print(jp.FloorLink(building=1, floor=3, friction=0.2, next_building=1))  # a brace
     in 2, floors 3–4
+
+    Floor 3 of the left building hits the columns between floors 3 and 4 of the right one:
+
+    >>> column = jp.model.Column(rigidity=300e6)
+    >>> link = jp.FloorLink(building=0, floor=2, next_floor=3, gap=0.05, column=column)
     """
 
     building: int = static()
@@ -83,6 +105,7 @@ class FloorLink:
     velocity_friction: VelocityFriction | None = like(Link, "velocity_friction", default=None)
     inerter: Inerter | None = like(Link, "inerter", default=None)
     side: str = static(default="right")
+    column: Column | None = part(Column, NoneType, default=None)
 
     def __post_init__(self) -> None:
         require_one_of(self.side, ("right", "left"), "side")
@@ -101,6 +124,19 @@ class FloorLink:
                 rule = "must be left out: the other end is the ground"
                 raise InvalidInput(name, str(getattr(self, name)), rule)
         check_link(self, f"link {self}")
+        if self.column is not None:
+            self._require_only_contact()
+
+    def _require_only_contact(self) -> None:
+        """An ``InvalidInput`` for what a link at a column may not have."""
+        require_face("", self, "must be left out at a column, which has a gap and contact only")
+        is_single = self.side == "right" and not isinstance(self.gap, tuple)
+        if not is_single or self.other_building != self.building + 1:
+            rule = "must be of one gap between neighbours, without side and next_building"
+            raise InvalidInput(f"link {self}, at a column,", "", rule)
+        if not isinstance(self.contact, KelvinVoigt | NoneType):
+            rule = "must be KelvinVoigt at a column: a spring in series with the column's"
+            raise InvalidInput("contact", type(self.contact).__name__, rule)
 
     more_rules = Link.more_rules
 
@@ -126,7 +162,10 @@ class FloorLink:
         """Its two ends in words, numbered from 1."""
         other = (self.other_building + 1, self.other_floor + 1)
         end = (self.building + 1, self.floor + 1)
-        return link_place(end, None if self.other_floor == GROUND else other)
+        if (column := self.column) is not None and column.side is not None:
+            return column_place(*((end, other) if column.side == "right" else (other, end)))
+        words = link_place(end, None if self.other_floor == GROUND else other)
+        return words + ", column" * (column is not None)
 
 
 @pytree_dataclass
@@ -166,6 +205,8 @@ class Row:
         check(self)
         floors = [len(building.masses) for building in self.buildings]
         require_floors(floors, self.links, LinkLabels())
+        if any(link.column for link in self.links):
+            require_independent(self.system())
 
     @property
     def natural_frequencies(self) -> tuple[Any, ...]:
@@ -184,7 +225,7 @@ class Row:
             rods += building.rods_from(first)
         for x in self.links:
             between = {name: getattr(x, name) for name in BETWEEN}
-            links.append(unchecked(Link, ends=_ends(x, starts), **between))
+            links.append(unchecked(Link, ends=_ends(x, starts), **(between | _at_column(x))))
         kept, dampers = without_dampers(links)
         parts = {"rods": (*rods, *dampers), "links": kept, "damping": tuple(damping)}
         return unchecked(System, masses=tuple(masses), tuned=tuple(tuned), **parts)
@@ -203,13 +244,14 @@ def floor_links(
     gap: Any = np.inf,
     contact: ContactLaw | Newton | None = None,
     building: int | None = None,
+    columns: Column | Sequence[Column | None] | None = None,
 ) -> tuple[FloorLink, ...]:
-    """Links between neighbouring buildings at every common floor.
+    """Links between neighbouring buildings at every common floor, and where floors meet columns.
 
-    Raises ``ValueError`` if there are fewer than two buildings, neighbours have no common floor,
-    ``building`` has no neighbour on its right, or a list is not as long as the links. Warns
-    (``PlausibilityWarning``) of floors up to the lower roof that get no gap: a ``FloorLink`` with
-    ``next_floor`` joins floors that differ.
+    Raises ``ValueError`` if there are fewer than two buildings, neighbours have no common floor and
+    no columns, ``building`` has no neighbour on its right, a list is not as long as the links, or
+    columns are of buildings without heights. Warns (``PlausibilityWarning``) of floors up to the
+    lower roof that get no gap: ``columns``, or a ``FloorLink`` with ``next_floor``, make one.
 
     Parameters
     ----------
@@ -222,6 +264,11 @@ def floor_links(
         to right and from the ground up. (A tuple of gaps are those of two faces.)
     building
         The building on the left of the only gap that gets links; by default all gaps get them.
+    columns
+        The ``Column`` of every storey that a floor of a neighbour hits: floors up to the lower roof
+        that have none at their height then get a link, too. One for all ``ShearBuilding``, or one
+        for each, or None for a building whose columns are not hit. Position, height and side follow
+        from the elevations.
 
     Examples
     --------
@@ -243,7 +290,7 @@ def floor_links(
         rule = f"must be from 0 to {last}, a building with another on its right"
         raise InvalidInput("building", repr(building), rule)
     lefts = range(last + 1) if building is None else [building]
-    common = meeting_floors(buildings, lefts, gap)
+    common = meeting_floors(buildings, lefts, gap, _columns_of(buildings, columns))
     n, between = len(common), {"friction": friction, "gap": gap, "contact": contact}
     for name, x in between.items():
         is_list = isinstance(x, list) or getattr(x, "ndim", 0) > 0
@@ -252,7 +299,11 @@ def floor_links(
             rule = f"must be one for all links or {n}, one for each"
             raise InvalidInput(f"{name}, {len(x)} of them,", "", rule)
         between[name] = x if is_list else [x] * n
-    return tuple(map(FloorLink, *zip(*common, strict=True), *between.values()))
+    links = zip(common, *between.values(), strict=True)
+    return tuple(
+        FloorLink(b, i, j, mu, size, law, column=column)
+        for (b, i, j, column), mu, size, law in links
+    )
 
 
 _SLAB = 0.2
@@ -260,28 +311,63 @@ _SLAB = 0.2
 with low storeys it is a quarter of a storey."""
 
 
+Meeting = tuple[int, int, int, Column | None]  # building on the left, floors, a column hit
+
+
 def meeting_floors(
-    buildings: Sequence[Any], lefts: Iterable[int], gap: Any
-) -> list[tuple[int, int, int]]:
-    """Each building on the left of a gap with its common floors; warns of floors without one."""
-    meeting, alone = list[tuple[int, int, int]](), list[str]()
+    buildings: Sequence[Any], lefts: Iterable[int], gap: Any, columns: Sequence[Column | None]
+) -> list[Meeting]:
+    """Common floors, and floors that meet ``columns``; warns of floors that meet neither."""
+    meeting, alone = list[Meeting](), list[str]()
     for i in lefts:
         pair = buildings[i : i + 2]
-        if not (common := common_floors(*pair)):
+        common = common_floors(*pair)
+        links: list[Meeting] = [(i, *floors, None) for floors in common]
+        if all(isinstance(building, ShearBuilding) for building in pair):
+            ups = [building.elevations for building in pair]
+            for side, floors in enumerate(_without_partner(ups, common)):
+                if (column := columns[i + 1 - side]) is not None:
+                    storeys = np.searchsorted(ups[1 - side], ups[side][floors]).tolist()
+                    hit = replace(column, side="left" if side else "right")
+                    ends = (floors, storeys)[:: -1 if side else 1]
+                    links += [(i, a, b, hit) for a, b in zip(*ends, strict=True)]
+                elif floors:
+                    listed = ", ".join(str(j + 1) for j in floors)
+                    alone.append(f"{listed} of building {i + side + 1} beside {i + 2 - side}")
+            links.sort(key=lambda x: min(ups[0][x[1]], ups[1][x[2]]))
+        if not links:
             rule = f"must have floors at the same height, within {_SLAB} m; next_floor joins others"
             raise InvalidInput(f"buildings {i + 1} and {i + 2}", "", rule)
-        meeting += [(i, *floors) for floors in common]
-        in_metres = all(isinstance(building, ShearBuilding) for building in pair)
-        for side, building in enumerate(pair if in_metres else ()):
-            joined = {floors[side] for floors in common}
-            below = np.flatnonzero(building.elevations <= min(x.elevations[-1] for x in pair))
-            if floors := ", ".join(str(j + 1) for j in below if j not in joined):
-                alone.append(f"{floors} of building {i + side + 1} beside {i + 2 - side}")
+        meeting += links
     if alone and any(map(is_closable, gap if isinstance(gap, tuple | list) else [gap])):
         finding = f"floors {' and '.join(alone)} have no floor of the neighbour within {_SLAB} m "
-        finding += "and are not checked for pounding; next_floor joins others"
+        finding += "and are not checked for pounding; columns or next_floor join others"
         warn([finding], False)
     return meeting
+
+
+def _without_partner(
+    ups: Sequence[np.ndarray], common: Sequence[tuple[int, int]]
+) -> Iterator[list[int]]:
+    """Of each of two buildings the floors up to the lower roof that have none at their height."""
+    for side, elevations in enumerate(ups):
+        joined = {floors[side] for floors in common}
+        below = np.flatnonzero(elevations <= min(x[-1] for x in ups)).tolist()
+        yield [floor for floor in below if floor not in joined]
+
+
+def _columns_of(buildings: Sequence[Any], columns: Any) -> list[Column | None]:
+    """The column of each building that floors of neighbours hit, one for all or listed."""
+    listed = [*columns] if isinstance(columns, list | tuple) else [columns] * len(buildings)
+    for x in listed:
+        instance("columns", x, Column, NoneType)
+    if len(listed) != len(buildings):
+        rule = f"must be one for all or {len(buildings)}, one for each building"
+        raise InvalidInput(f"columns, {len(listed)} of them,", "", rule)
+    if any(listed) and not all(isinstance(x, ShearBuilding) for x in buildings):
+        rule = "must be left out of buildings without heights: all must be ShearBuilding"
+        raise InvalidInput("columns", "", rule)
+    return listed
 
 
 def checked_floors(topology: Topology | None, gaps: Sequence[Any]) -> str:
@@ -297,6 +383,8 @@ def checked_floors(topology: Topology | None, gaps: Sequence[Any]) -> str:
         if np.any(np.isfinite(np.asarray(gap, float))):
             floors = {home[mass] for mass in masses_of(ends)}
             pair = tuple(sorted({building for building, _ in floors}))
+            if isinstance(ends, WeightedMasses) and ends.column:  # the floor, and not what it hits
+                floors = {home[ends.masses[0]]}
             (joined.setdefault(pair, set()) if len(pair) > 1 else walls).update(floors)
     lower = {pair: min(pair, key=sizes.__getitem__) for pair in joined}
     n = sum(b == lower[pair] for pair, x in joined.items() for b, _ in x | walls)
@@ -379,12 +467,52 @@ def _first_floors(floors: Sequence[int]) -> list[int]:
     return [0, *np.cumsum(floors).tolist()]
 
 
-def _ends(link: FloorLink, starts: Sequence[int]) -> Ends:
+def _ends(link: FloorLink, starts: Sequence[int]) -> AnyEnds:
     """The ends of a link as masses of the system, where the lowest floors are ``starts``."""
     floor = link.other_floor
     other = GROUND if floor == GROUND else starts[link.other_building] + floor
     end = starts[link.building] + link.floor
+    if link.column is not None:
+        hit, above = (other, end) if link.column.side == "left" else (end, other)
+        stands_on = () if above in starts else (above - 1,)
+        return WeightedMasses((hit, above, *stands_on), column=True)
     return (other, end) if link.side == "left" else (end, other)
+
+
+def _at_column(link: FloorLink) -> dict[str, Any]:
+    """The weights and the law of a link at a column, which moves as floors and it do."""
+    if (column := link.column) is None:
+        return {}
+    if column.position is None or column.height is None:
+        rule = "must have position and height where buildings have no elevations"
+        raise InvalidInput(f"link {link}: column", "", rule)
+    sign, w = -1.0 if column.side == "left" else 1.0, column.weight
+    storey = link.floor if column.side == "left" else link.other_floor
+    weights = (sign, -sign * w, -sign * (1 - w))[: 2 + (storey > 0)]
+    return {"weights": weights, "column": column, "contact": column.behind(link.contact)}
+
+
+def at_elevations(link: FloorLink, buildings: Sequence[Any], name: str) -> FloorLink:
+    """A link whose column has what is not stated from the elevations of buildings in SI.
+
+    An ``InvalidInput``, with the name of the link, if they do not say it.
+    """
+    column, floors = link.column, (link.floor, link.other_floor)
+    pair = buildings[link.building], buildings[max(link.other_building, 0)]
+    if column is None or not all(isinstance(building, ShearBuilding) for building in pair):
+        return link
+    ups = [float(np.cumsum(x.heights)[floor]) for x, floor in zip(pair, floors, strict=True)]
+    side = column.side or ("left" if ups[0] > ups[1] else "right")
+    on_right = side == "right"
+    height = pair[on_right].heights[floors[on_right]]
+    position = 1 - (ups[on_right] - ups[not on_right]) / height
+    if column.position is None and not 0 < position < 1:
+        rule = f"must be within the storey of the column, {height:g} m high below the higher floor"
+        raise InvalidInput(f"{name}{link}, at {ups[0]:g} m and {ups[1]:g} m,", "", rule)
+    changes = {"position": position, "height": height, "side": side}
+    kept = {key: x for key, x in changes.items() if getattr(column, key) is None}
+    resolved = unchecked(Column, **{**vars(column), **kept})
+    return unchecked(FloorLink, **{**vars(link), "column": resolved})
 
 
 def require_heights(
@@ -392,7 +520,8 @@ def require_heights(
 ) -> None:
     """An ``InvalidInput`` for a link without ``next_floor`` between floors of different heights."""
     for k, link in enumerate(links):
-        if link.next_floor is not None or link.other_building in (link.building, GROUND):
+        at_any_height = link.next_floor is not None or link.column is not None
+        if at_any_height or link.other_building in (link.building, GROUND):
             continue
         left, right = buildings[link.building], buildings[link.other_building]
         if (link.floor, link.other_floor) not in common_floors(left, right):

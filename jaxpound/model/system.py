@@ -21,6 +21,7 @@ from jaxpound._checks import Rule, finite, is_traced, is_whole, number, real
 from jaxpound._checks import as_tuple as as_tuple
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
+from jaxpound.model.column import Column
 from jaxpound.model.contact import ContactLaw, Newton
 from jaxpound.model.dampers import Dashpot, Inerter, PowerLaw, VelocityFriction
 from jaxpound.model.ends import along, beside_axis, weighted
@@ -105,6 +106,9 @@ class Link:
         What the friction gains with |x_i' − x_j'|, a ``VelocityFriction``; None by default.
     inerter
         A force in proportion to x_i'' − x_j'', an ``Inerter``; None by default.
+    column
+        Of the links that a ``FloorLink`` at a ``Column`` becomes: the column, whose shear is a
+        demand. Its weights are then those of the link, and its spring is in the law of contact.
 
     Notes
     -----
@@ -125,9 +129,12 @@ class Link:
     velocity_friction: VelocityFriction | None = part(VelocityFriction, NoneType, default=None)
     inerter: Inerter | None = part(Inerter, NoneType, default=None)
     weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
+    column: Column | None = part(Column, NoneType, default=None)
 
     def __post_init__(self) -> None:
         _set_ends(self)
+        if (self.column is None) == getattr(self.ends, "column", False):
+            raise InvalidInput("column", "", "must be left to the links of FloorLink(column=…)")
         check_link(self)
 
     def faces(self) -> tuple[Link, ...]:
@@ -396,6 +403,12 @@ def _require_held(system: System) -> None:
         if any({*ends} == {*before} for before in topology.links[:closing]):
             rule = ONE_LINK
         raise InvalidInput(f"links.{closing}.ends", str(ends), rule)
+    require_independent(system)
+
+
+def require_independent(system: System) -> None:
+    """An ``InvalidInput`` if the closing of a link with weights follows from those before it."""
+    topology, n = system.topology, len(system.masses)
     joints = [k for k in range(len(system.links)) if k not in faces(topology)]
     if any(isinstance(topology.links[k], WeightedMasses) for k in joints):
         if (rows := _rows([system.links[k] for k in joints], n)) is None:
@@ -454,12 +467,14 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
 ONE_LINK = "must not be those of a link before it: gap=(left, right) makes a link of two faces"
 
 
-def require_face(prefix: str, link: Any) -> None:
+_FACE = "must be that of the link before it, whose other face this is"
+
+
+def require_face(prefix: str, link: Any, rule: str = _FACE) -> None:
     """An ``InvalidInput`` for the second face of a link with friction or a damper of its own."""
     for field, none in OPPOSITE.items():
         value = getattr(link, field)
         if value is not none and not is_traced(value) and not np.all(value == none):
-            rule = "must be that of the link before it, whose other face this is"
             raise InvalidInput(f"{prefix}{field}", reprlib.repr(value), rule)
 
 

@@ -18,11 +18,13 @@ Ends = tuple[int, int]
 class WeightedMasses(NamedTuple):
     """Masses that a rod or a link joins with weights, which it holds itself.
 
-    The other face of a link of two faces has the side −1: its closing is the negative one.
+    The other face of a link of two faces has the side −1: its closing is the negative one. At a
+    ``column`` they are the floor that hits it, the floor above it and, if any, that below.
     """
 
     masses: tuple[int, ...]
     side: int = 1
+    column: bool = False
 
 
 AnyEnds = Ends | WeightedMasses
@@ -43,8 +45,14 @@ def shifted(ends: AnyEnds | None, first: int) -> AnyEnds | None:
 
 
 def two_ends(ends: AnyEnds) -> Ends:
-    """The two ends of a link; an ``InvalidInput`` for one of masses with weights."""
+    """The two ends of a link; an ``InvalidInput`` for one of masses with weights.
+
+    At a column they are the floor that hits it and the floor above it, the left one first.
+    """
     if isinstance(ends, WeightedMasses):
+        if ends.column:
+            hit, above, *_ = ends.masses
+            return min(hit, above), max(hit, above)
         rule = "must be between two floors or a floor and the ground, not of masses with weights"
         raise InvalidInput("links", "", rule)
     return ends

@@ -16,7 +16,7 @@ from jaxpound._checks import require_folder
 from jaxpound._errors import InvalidInput
 from jaxpound.model.ends import elongation
 from jaxpound.model.places import homes
-from jaxpound.model.topology import GROUND, stacks, two_ends
+from jaxpound.model.topology import GROUND, WeightedMasses, stacks, two_ends
 from jaxpound.plots import style as house
 from jaxpound.plots.curves import buildings_of, closed, is_pair, require_valid, same_units
 from jaxpound.plots.gap_maps import gap_map, widest_gap
@@ -94,7 +94,7 @@ class Scene:
                 below.first_yield_time = response.demand.rods[rod].first_yield_time
         for left, rest, ends in between:
             if rest < spaces[left]:
-                for end in ends:
+                for end in ends:  # at a column the floor above it, too
                     self._floors[end].reach_out((spaces[left] - rest) / 2, building_of[end] == left)
         self._centre, self._deep = (low + far) / 2, deep
         self._words = ax.text(self._centre, high + 2.4 * deep, "", ha="center", va="center")
@@ -171,7 +171,10 @@ class _MovingLink:
         self._impacts = response.impacts(k)
         self._hardest = max((impact.impulse for impact in response.impacts()), default=1.0)
         self._flash = 1 / 30 * float(time[-1] - time[0])  # three of a hundred frames
-        ends = [floors[end] for end in link.ends if end in floors]
+        ends = [floors[end] for end in two_ends(link.ends) if end in floors]
+        self._high = [floor.high for floor in ends]
+        if isinstance(link.ends, WeightedMasses):  # a column, at the height of the floor
+            self._high = [floors[link.ends.masses[0]].high] * 2
         self._inside = len(ends) == 1 or ends[0].left == ends[1].left
         ends.sort(key=lambda floor: floor.low if self._inside else floor.left)
         self._ends, self.has_damper = ends, link.has_damper
@@ -219,7 +222,7 @@ class _MovingLink:
         first, last = self._ends[0], self._ends[-1]
         if not self._inside:
             grip = 0.12 * first.width
-            return [first.face(i, True) - grip, last.face(i, False) + grip], [first.high, last.high]
+            return [first.face(i, True) - grip, last.face(i, False) + grip], self._high
         inset, start, low = 0.14 * last.width, last.left, 0.0
         if first is not last:  # else the lower end is the ground
             start, low = first.face(i, False), first.high

@@ -18,7 +18,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import Parameter, walk
 from jaxpound.model.dampers import Dashpot, PowerLaw
 from jaxpound.model.system import Link, Rod, Structures, in_si
-from jaxpound.model.topology import GROUND, Topology, floors, stacks, two_ends
+from jaxpound.model.topology import GROUND, Topology, WeightedMasses, floors, stacks, two_ends
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
 
@@ -49,9 +49,9 @@ def row(
     forces F or coefficients c of viscous dampers and gaps at rest ξ0 at the links, with the numbers
     of their series; in SI units of ``Buildings``, else dimensionless. Dampers are green, also
     braces within a building and dampers to the ground; pads are orange where contact has a law; an
-    arrow is a gap, to a wall where the other end is the ground. Bearings, a first storey of less
-    than half of the height of another, and walls as low as these stand in a pit. Tuned masses are
-    narrower.
+    arrow is a gap, to a wall where the other end is the ground, or to a column. Bearings, a first
+    storey of less than half of the height of another, and walls as low as these stand in a pit.
+    Tuned masses are narrower.
 
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
@@ -222,6 +222,10 @@ def _link(
 ) -> None:
     """What is between two floors: a line from the one to the other, and its numbers."""
     pair = two_ends(link.ends)
+    if isinstance(link.ends, WeightedMasses):  # a floor, and a column at its height
+        hit, above, *_ = link.ends.masses
+        inset = _WIDTH / 10 if hit < above else -_WIDTH / 10
+        places = {**places, above: (places[above][0] + inset, *places[hit][1:])}
     j, i = sorted(pair)  # the ground comes first
     start, up, foot = places[i]
     second = (start, foot, foot) if j == GROUND else places[j]

@@ -78,7 +78,8 @@ def is_by_impacts(system: System, demand: Any) -> bool:
     place = place_of(Demand, demand)
     if place is None:
         return demand == "peak_acceleration"
-    return place.field == "peak_acceleration" or place.quantity.only == "contact"
+    by_contact = ("contact", "column", "capacity")
+    return place.field == "peak_acceleration" or place.quantity.only in by_contact
 
 
 def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]:

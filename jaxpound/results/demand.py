@@ -33,6 +33,7 @@ OF_YIELDING = ("ductility", "residual_drift", "dissipated_energy")
 
 OF_CONTACTS: dict[str, Callable[[Any, Any], Any]] = {
     **dict.fromkeys(("peak_contact", "peak_impulse", "peak_penetration"), larger),
+    **dict.fromkeys(("peak_column_shear", "column_shear_ratio"), larger),
     **dict.fromkeys(("n_impacts", "contact_work"), operator.add),
     "first_impact_time": smaller,
 }
@@ -49,8 +50,9 @@ class Demand(ByElement, Columnar, Shown):
     row for each run) and as an attribute: ``peak_x1``, ``peak_acceleration_1``, ``peak_f1``, and
     for a single link ``min_gap_time``, ``slip_distance``, ``friction_work``, ``residual_offset``
     and ``soft_min_gap`` (for several ``min_gap_time_1`` and so on). As attributes only, of several
-    links, such as the two faces of one, ``peak_contact``, ``peak_impulse`` and ``peak_penetration``
-    are the largest, ``n_impacts`` and ``contact_work`` the sums, ``first_impact_time`` the first;
+    links, such as the two faces of one, ``peak_contact``, ``peak_impulse``, ``peak_penetration``,
+    ``peak_column_shear`` and ``column_shear_ratio`` are the largest, ``n_impacts`` and
+    ``contact_work`` the sums, ``first_impact_time`` the first;
     ``ductility``, ``residual_drift``, ``dissipated_energy``, ``peak_drift`` and, of floors,
     ``peak_acceleration`` are the largest of all storeys that have one.
 
@@ -116,7 +118,7 @@ class Demand(ByElement, Columnar, Shown):
             if by_link:
                 return reduce(OF_CONTACTS[name], by_link)
         if name in OF_FLOORS + OF_YIELDING and self.topology is not None:
-            has = {"yielding": [rod.ductility is not None for rod in self.rods], "contact": []}
+            has = {"yielding": [rod.ductility is not None for rod in self.rods]}
             members = members_over_all(self.topology, has).get(name, ())
             values = [getattr(getattr(self, group)[i], field) for group, i, field in members]
             if not values or any(x is None for x in values):
@@ -264,8 +266,8 @@ def members_over_all(topology: Topology, has: Mapping[str, Sequence[bool]]) -> d
         members[acceleration] = [("masses", i, acceleration) for i in topology.floor_masses]
     if rods := [*itertools.compress(itertools.count(), has["yielding"])]:
         members |= {name: [("rods", r, name) for r in rods] for name in OF_YIELDING}
-    links = [*itertools.compress(itertools.count(), has["contact"])]
-    if links and len(topology.links) > 1:
-        largest = [name for name, of_several in OF_CONTACTS.items() if of_several is larger]
-        members |= {name: [("links", k, name) for k in links] for name in largest}
+    of_links, largest = quantities(LinkDemand), [x for x, f in OF_CONTACTS.items() if f is larger]
+    for name in largest if len(topology.links) > 1 else ():
+        if links := [*itertools.compress(itertools.count(), has.get(of_links[name].only, ()))]:
+            members[name] = [("links", k, name) for k in links]
     return members

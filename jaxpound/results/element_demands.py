@@ -17,6 +17,7 @@ def _scalar(
 
 _peak = partial(_scalar, limited=True)
 _contact = partial(_scalar, only="contact", limited=True, default=None)
+_column = partial(_scalar, limited=True, default=None)
 _yields = partial(_scalar, column="*_{}", only="yielding", limited=True, default=None)
 
 
@@ -95,6 +96,15 @@ class LinkDemand:
     """When the first impact begins; infinite if there is none."""
     contact_work: Any = _contact(16, "energy", "energy lost by contact", "energy lost by contact")
     """Energy lost by contact, the work of p less the energy stored in its spring."""
+    peak_column_shear: Any = _column(
+        23, "force", "peak shear of the column", "* $V$", only="column"
+    )
+    """Largest shear in a ``Column`` by contact, the larger of w p above and (1 − w) p below the
+    point of impact, beside that of the storey. None, as all below, without a column."""
+    column_shear_ratio: Any = _column(
+        24, None, "shear of the column over its capacity", only="capacity"
+    )
+    """``peak_column_shear`` over the column's capacity; None without one."""
     soft_peak_contact: Any = _contact(
         17, "force", "soft maximum of the impacts' peak forces", "* force"
     )

@@ -12,8 +12,9 @@ from jaxpound._checks import instance
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.system import Structures
-from jaxpound.model.topology import Topology, floors, is_storey, stacks, two_ends
+from jaxpound.model.ends import weighted
+from jaxpound.model.system import Structures, System
+from jaxpound.model.topology import floors, is_storey, stacks, two_ends
 from jaxpound.quantities import column, unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import Columnar, are_concrete, run_numbers, sizes_of
@@ -125,7 +126,8 @@ def floor_demands(structures: Structures, found: Demand) -> tuple[FloorDemands, 
     """
     instance("structures", structures, Structures)
     instance("found", found, Demand)
-    topology = structures.system().topology
+    system = structures.system()
+    topology = system.topology
     for name, n in sizes_of(topology).items():
         if (count := len(getattr(found, name))) != n:
             rule = f"has {count} {name}; it must be of these structures, which have {n}"
@@ -135,12 +137,13 @@ def floor_demands(structures: Structures, found: Demand) -> tuple[FloorDemands, 
     sizes = [len(building) for building in floors(topology)]
     buildings = getattr(structures, "buildings", sizes)  # only those in SI have heights
     heights = [getattr(x, "heights", ())[:n] for x, n in zip(buildings, sizes, strict=True)]
-    return tuple(_of_building(b, topology, found, each) for b, each in enumerate(heights))
+    return tuple(_of_building(b, system, found, each) for b, each in enumerate(heights))
 
 
 def _of_building(
-    number: int, topology: Topology, demand: Demand, heights: tuple[float, ...]
+    number: int, system: System, demand: Demand, heights: tuple[float, ...]
 ) -> FloorDemands:
+    topology = system.topology
     masses, rods = zip(*floors(topology)[number], strict=True)
     zero = jnp.zeros_like(jnp.asarray(demand.masses[0].peak_x))
 
@@ -149,11 +152,13 @@ def _of_building(
 
     def contact(side: int) -> Any:
         largest = dict.fromkeys(masses, zero)
-        for link, ends in zip(demand.links, topology.links, strict=True):
-            if (force := link.peak_contact) is not None:
-                end = two_ends(ends)[side]
-                if end in largest:
-                    largest[end] = jnp.maximum(largest[end], force)
+        for scalars, link in zip(demand.links, system.links, strict=True):
+            end, force = two_ends(link.ends)[side], scalars.peak_contact
+            if force is None or end not in largest:
+                continue
+            for mass, share in weighted(link) if link.column else ((end, 1.0),):
+                if mass in largest:  # a column passes shares of the force on to its floors
+                    largest[mass] = jnp.maximum(largest[mass], jnp.abs(share) * force)
         return stacked(list(largest.values()))
 
     displacements = [demand.masses[m].peak_x for m in masses]

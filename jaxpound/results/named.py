@@ -186,6 +186,8 @@ def _present(system: System) -> dict[str, list[bool]]:
     """Whether each element has the quantities that some have only, by ``Quantity.only``."""
     return {
         "contact": [link.contact is not None for link in system.links],
+        "column": [link.column is not None and link.contact is not None for link in system.links],
+        "capacity": [getattr(link.column, "capacity", None) is not None for link in system.links],
         "yielding": [hysteresis_of(rod.material) is not None for rod in system.rods],
         "storey": [is_storey(ends) for ends in system.topology.rods],
     }
@@ -260,9 +262,13 @@ def value_of(system: System, demand: Demand, spec: DemandSpec) -> Any:
         return values[spec]
     of_all = spec in (*OF_YIELDING, "collapsed")
     only = "yielding" if of_all else getattr(quantity_named(spec), "only", "")
-    if needed := {"contact": "a contact law", "yielding": "a rod that yields"}.get(only):
+    if needed := _NEEDED.get(only):
         raise InvalidInput("demand", repr(spec), f"must be of structures with {needed}")
     raise InvalidInput("", "", f"unknown demand {reprlib.repr(spec)}; {hint(spec, values)}")
+
+
+_NEEDED = {"contact": "a contact law", "yielding": "a rod that yields"}
+_NEEDED |= {"column": "contact at a column", "capacity": "contact at a column with a capacity"}
 
 
 def require_limited(name: Any, place: str) -> None:

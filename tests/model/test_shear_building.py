@@ -235,4 +235,4 @@ def test_floors_at_other_heights_are_linked_where_it_is_said_and_tall_buildings_
     assert "<18 more>, Building(mass=200000, " in repr(building)
     row, _ = jp.Buildings((building,) * 4, jp.floor_links((building,) * 4, gap=0.1)).dimensionless()
     for shown in map(repr, (building, row, row.buildings[0], row.system())):
-        assert len(shown) < 900  # ten lines of a terminal
+        assert len(shown) < 960  # twelve lines of a terminal

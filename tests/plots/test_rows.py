@@ -6,11 +6,13 @@ import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import jaxpound as jp
 from jaxpound import plots
+from jaxpound.plots.style import COLOURS
 from jaxpound.plots.system import mechanical_system
 from tests.made import STEEL, row_of
 from tests.plots.runs import LAW, legend, new_axes
@@ -158,3 +160,18 @@ def test_every_symbol_stands_in_the_picture_and_none_on_another(structures, legi
     for symbol in SYMBOLS + ([] if structures is None else NUMBERS):
         assert symbol in words
     legible(ax.figure, ax.texts)
+
+
+def test_a_column_is_hit_at_the_height_of_the_floor():
+    """One pad is at the floor, the other at the column between floors."""
+    low, high = (jp.ShearBuilding.from_period(2, 3e5, 0.4, 0.05, height=h) for h in (3.0, 4.2))
+    column, law = jp.model.Column(9.6e7), jp.KelvinVoigt(2e9, 0.7)
+    links = jp.floor_links((low, high), gap=0.01, contact=law, columns=column)
+    pair, ups = jp.Buildings((low, high), links[:1]), [low.elevations, high.elevations]
+    ax = plots.row(pair, ups)
+    pads = [x for x in ax.patches if x.get_facecolor()[:3] == to_rgb(COLOURS["pounding"])]
+    assert [x.get_y() + x.get_height() / 2 for x in pads] == pytest.approx([3.0, 3.0])
+    columns = [
+        x for line in ax.lines for x in line.get_xdata() if x > 1 and len({*line.get_xdata()}) == 1
+    ]
+    assert min(abs(pads[1].get_x() + pads[1].get_width() - x) for x in columns) < 1e-9

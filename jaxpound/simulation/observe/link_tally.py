@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._extrema import larger
+from jaxpound.model.system import Link
 from jaxpound.results.element_demands import LinkDemand
 from jaxpound.simulation.contact.records import APART, Contact, GapStep, is_deformed, soft_larger
 from jaxpound.simulation.state import LinkInstant
@@ -136,14 +137,14 @@ class LinkTally(NamedTuple):
         )
 
     def demand(
-        self, gap: jax.Array, end: Contact | None, slip_force: jax.Array | None, temperature: Any
+        self, link: Link, end: Contact | None, slip_force: jax.Array | None, temperature: Any
     ) -> LinkDemand:
-        """The scalars of the link, with its ``gap`` at rest and its contact at the ``end``.
+        """The scalars of the ``link``, with its contact at the ``end``.
 
         ``slip_force`` is μ if |q| = μ in any slip, which makes the work exact, else None.
         """
         distance = self.distance + jnp.abs(self.closing - self.last_turn)
-        soft, contact = self.softly, self.contact
+        soft, contact, gap = self.softly, self.contact, link.gap
         demand = LinkDemand(
             min_gap=gap - self.farthest,
             min_gap_time=self.farthest_time,
@@ -156,6 +157,11 @@ class LinkTally(NamedTuple):
             return demand
         counts = (end.mode != APART) & (end.counts > 0)
         deformed = counts & is_deformed(end.mode)
+        if (column := link.column) is not None:
+            shear = column.shear(contact.highest)
+            ratio = None if column.capacity is None else shear / column.capacity
+            of_column = {"peak_column_shear": shear, "column_shear_ratio": ratio}
+            demand = dataclasses.replace(demand, **of_column)
         return dataclasses.replace(
             demand,
             peak_contact=contact.highest,

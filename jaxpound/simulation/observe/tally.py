@@ -319,7 +319,7 @@ class Tally(NamedTuple):
                 )
             ),
             links=tuple(
-                tally.demand(link.gap, end, slip_force, temperature)
+                tally.demand(link, end, slip_force, temperature)
                 for tally, link, end, slip_force in zip(
                     self.links, system.links, contacts, slip_forces, strict=True
                 )
