@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import dataclasses
 import functools
 import gc
 import os
@@ -58,8 +59,9 @@ os.environ["IPYTHONDIR"] = KERNELS
 STARTUP = Path(KERNELS, "profile_default", "startup", "as_the_suite.py")  # run by every kernel
 STARTUP.parent.mkdir(parents=True)
 STARTUP.write_text(
-    f"import gc\n\ngc.set_threshold{gc.get_threshold()}\n"
-    "from jaxpound._xla import plan\n\nplan.choose(plan.looped)\n"
+    f"import dataclasses, gc\n\ngc.set_threshold{gc.get_threshold()}\n"
+    "from jaxpound._xla import plan\n\n"
+    "plan.choose(lambda work: dataclasses.replace(plan.looped(work), shortcut='none'))\n"
 )
 LOCAL = {"transport": "ipc", "ip": f"{KERNELS}/kernel"} if os.name == "posix" else {}
 nbmake.nb_run.NotebookClient = functools.partial(
@@ -95,6 +97,12 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # Steps of all programs are a loop, which compiles in half the time; in those of commands, and where
 # a test chooses so, they are laid out as in users'. All plans agree: simulation/test_plans.py.
 plan.choose(plan.looped)
+
+
+def without_shortcut(work):
+    """As ``looped``; batches with contact have one loop over the steps, not two."""
+    return dataclasses.replace(plan.looped(work), shortcut="none")
+
 
 # Notes of a slow machine on its compilations are asserted in test_programs.py alone.
 programs.AFTER = 600.0  # s
@@ -144,6 +152,14 @@ def _checked(request):
     own = any(folder in request.path.parents for folder in CHECKED)
     checked = own and request.path.stem.removeprefix("test_") not in LARGE and not marked
     jaxtyping.config.update("jaxtyping_disable", not checked)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _batches_are_soon_compiled(request):
+    """Wings that use runs batch them without the shortcut, which runs' own tests take."""
+    wing = any(folder in request.path.parents for folder in CHECKED)
+    with plan.chosen(plan.looped if wing else without_shortcut):
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -192,6 +192,7 @@ class PlateauEnvelope:
         return rising * jnp.exp(-self.decay * larger(t - self.end, 0.0))
 
 
+@jax.jit
 def causal(kernel: Any, x: Float[Array, " n"]) -> Float[Array, " n"]:
     """Σ_{k ≤ j} kernel_{j−k} x_k, shape (n,), in O(n log n) by Fourier transforms."""
     return fftconvolve(kernel, x)[: x.shape[-1]].astype(x.dtype)
@@ -234,12 +235,14 @@ def _of_straight_lines(
     return causal(overlap.astype(dtype), means), jnp.sum(h**2) * dt / _PLACES
 
 
+@jax.jit
 def unit_variance(x: Any, variance: Any) -> Any:
     """Numbers over their standard deviations; 0 where the variance is."""
     positive = variance > 0
     return jnp.where(positive, x / jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)
 
 
+@jax.jit
 def modulation(t: Any, arias: Any, duration: Any, mid_time: Any) -> Any:
     """The modulating function q(t | α) ≥ 0 of this Arias intensity, duration and mid-time.
 
@@ -258,6 +261,7 @@ def modulation(t: Any, arias: Any, duration: Any, mid_time: Any) -> Any:
     return jnp.where(positive, jnp.sqrt(2 / jnp.pi * arias * density), 0.0)
 
 
+@jax.jit
 def evolving_noise(
     z: Float[Array, " n"], dt: Any, frequency: Any, slope: Any, mid_time: Any, damping: Any
 ) -> Float[Array, " n"]:
@@ -287,6 +291,7 @@ def evolving_noise(
     return unit_variance(noise, jnp.where(np.arange(n) == 0, 0.0, variance))
 
 
+@jax.jit
 def high_passed(x: Float[Array, " n"], dt: Any, corner: Any) -> Float[Array, " n"]:
     """Acceleration of a critically damped oscillator, of frequency ``corner`` in Hz, driven by x.
 

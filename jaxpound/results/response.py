@@ -203,55 +203,7 @@ class Response(ByElement, Columnar, Shown):
     @property
     def energy(self) -> Energy:
         """Energy balance over time."""
-        x, v = [mass.x for mass in self.masses], [mass.v for mass in self.masses]
-        masses = [jnp.asarray(mass.mass)[..., None] for mass in self.masses]
-        driven = [m * mass.influence for m, mass in zip(masses, self.masses, strict=True)]
-        momentum = _means(_total(map(operator.mul, driven, v)))
-        kinetic = _total(m * v_of_mass**2 for m, v_of_mass in zip(masses, v, strict=True)) / 2
-        for link in self.links:
-            if link.inertia is not None:
-                inertance = jnp.asarray(link.inertance)[..., None]
-                kinetic = kinetic + inertance * link.slip_velocity**2 / 2
-        steps, elongations = jnp.diff(self.time, axis=-1), self.elongations
-        met = None
-        if touching := [link.touching for link in self.links if link.touching is not None]:
-            met = _total(touching) > 0
-            met = met[..., 1:] | met[..., :-1]
-            moved = jnp.diff(_total(map(operator.mul, driven, x)))
-            momentum = jnp.where(met, moved / steps, momentum)  # which the ground's blows change
-
-        def work(forces: Sequence[Any], paths: Iterable[Any], rates: Iterable[Any]) -> Any:
-            works = steps * _means(_total(map(operator.mul, forces, rates)))
-            if met is not None:
-                pairs = zip(forces, paths, strict=True)
-                of_motion = _total(_means(force) * jnp.diff(path) for force, path in pairs)
-                works = jnp.where(met, of_motion, works)
-            return _summed(works)
-
-        rates = [along(beside_axis(weighted(rod)), v) for rod in self.rods]
-        rods = work([rod.force for rod in self.rods], elongations, rates)
-        against = [-mass.damping for mass in self.masses if mass.damping is not None]
-        damping = work(against, x, v) if against else 0 * rods
-        loads = [mass.load for mass in self.masses if mass.load is not None]
-        friction = stored = lost = 0 * rods
-        for link in self.links:
-            if (taken := link.friction_work) is None:
-                taken = _summed(steps * _means(link.friction * link.slip_velocity))
-            friction = friction + taken
-            if link.contact is not None:
-                stored, lost = stored + link.contact_stored, lost + link.contact_lost
-        # Integrated over u', which includes what u'' does between the instants.
-        supplied = _summed(-jnp.diff(self.ground_velocity, axis=-1) * momentum)
-        if loads:
-            supplied = supplied + work(loads, x, v)
-        pairs = zip(self.rods, elongations, strict=True)
-        at_start = _total(rod.force[..., 0] * y[..., 0] for rod, y in pairs) / 2
-        rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start
-        taken = rods + damping + friction + stored + lost
-        residual = taken + kinetic - supplied - initial[..., None]
-        yielding = sum((r.dissipated for r in self.rods if r.dissipated is not None), 0.0)
-        terms = stored, lost, initial, yielding, damping
-        return Energy(supplied, kinetic, rods, friction, residual, *terms)
+        return _energy_balance(self)
 
     def impacts(self, link: int | None = None) -> list[Impact]:
         """Impacts of one link or, in order of time, of all; empty without a law of contact.
@@ -435,6 +387,59 @@ class Energy(NamedTuple):
         supplied = jnp.abs(self.input + jnp.asarray(self.initial)[..., None]).max(-1)
         share = jnp.abs(self.residual).max(-1) / jnp.where(supplied > 0, supplied, 1.0)
         return jnp.where(supplied > 0, share, 0.0)
+
+
+@jax.jit  # one program in the place of some sixty small ones
+def _energy_balance(response: Response) -> Energy:
+    x, v = [mass.x for mass in response.masses], [mass.v for mass in response.masses]
+    masses = [jnp.asarray(mass.mass)[..., None] for mass in response.masses]
+    driven = [m * mass.influence for m, mass in zip(masses, response.masses, strict=True)]
+    momentum = _means(_total(map(operator.mul, driven, v)))
+    kinetic = _total(m * v_of_mass**2 for m, v_of_mass in zip(masses, v, strict=True)) / 2
+    for link in response.links:
+        if link.inertia is not None:
+            inertance = jnp.asarray(link.inertance)[..., None]
+            kinetic = kinetic + inertance * link.slip_velocity**2 / 2
+    steps, elongations = jnp.diff(response.time, axis=-1), response.elongations
+    met = None
+    if touching := [link.touching for link in response.links if link.touching is not None]:
+        met = _total(touching) > 0
+        met = met[..., 1:] | met[..., :-1]
+        moved = jnp.diff(_total(map(operator.mul, driven, x)))
+        momentum = jnp.where(met, moved / steps, momentum)  # which the ground's blows change
+
+    def work(forces: Sequence[Any], paths: Iterable[Any], rates: Iterable[Any]) -> Any:
+        works = steps * _means(_total(map(operator.mul, forces, rates)))
+        if met is not None:
+            pairs = zip(forces, paths, strict=True)
+            of_motion = _total(_means(force) * jnp.diff(path) for force, path in pairs)
+            works = jnp.where(met, of_motion, works)
+        return _summed(works)
+
+    rates = [along(beside_axis(weighted(rod)), v) for rod in response.rods]
+    rods = work([rod.force for rod in response.rods], elongations, rates)
+    against = [-mass.damping for mass in response.masses if mass.damping is not None]
+    damping = work(against, x, v) if against else 0 * rods
+    loads = [mass.load for mass in response.masses if mass.load is not None]
+    friction = stored = lost = 0 * rods
+    for link in response.links:
+        if (taken := link.friction_work) is None:
+            taken = _summed(steps * _means(link.friction * link.slip_velocity))
+        friction = friction + taken
+        if link.contact is not None:
+            stored, lost = stored + link.contact_stored, lost + link.contact_lost
+    # Integrated over u', which includes what u'' does between the instants.
+    supplied = _summed(-jnp.diff(response.ground_velocity, axis=-1) * momentum)
+    if loads:
+        supplied = supplied + work(loads, x, v)
+    pairs = zip(response.rods, elongations, strict=True)
+    at_start = _total(rod.force[..., 0] * y[..., 0] for rod, y in pairs) / 2
+    rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start
+    taken = rods + damping + friction + stored + lost
+    residual = taken + kinetic - supplied - initial[..., None]
+    yielding = sum((r.dissipated for r in response.rods if r.dissipated is not None), 0.0)
+    terms = stored, lost, initial, yielding, damping
+    return Energy(supplied, kinetic, rods, friction, residual, *terms)
 
 
 def _means(series: Any) -> Any:
