@@ -153,7 +153,9 @@ def like(
     """A field that is the same parameter or part as that of another class, perhaps in a range."""
     (metadata,) = (dict(f.metadata) for f in dataclasses.fields(cls) if f.name == name)
     if within is not None:
-        metadata[_SPEC] = dataclasses.replace(metadata[_SPEC], within=within, optional=optional)
+        metadata[_SPEC] = dataclasses.replace(metadata[_SPEC], within=within)
+    if optional:
+        metadata[_SPEC] = dataclasses.replace(metadata[_SPEC], optional=True)
     return dataclasses.field(metadata=metadata, **kwargs)
 
 
@@ -162,13 +164,16 @@ def quantity(*spec: Any, default: Any = dataclasses.MISSING, **more: Any) -> Any
     return dataclasses.field(metadata={_SPEC: Quantity(*spec, **more)}, default=default)
 
 
-def part(*kinds: type, each: bool = False, traced: bool = False, **kwargs: Any) -> Any:
+def part(
+    *kinds: type, each: bool = False, traced: bool = False, listed: Any = True, **kwargs: Any
+) -> Any:
     """A field that holds an object of one of the kinds, or without kinds a pytree of objects.
 
     A kind may be a protocol; ``NoneType`` makes the part optional. ``each`` makes it a tuple of
     such objects, or of a list of them. ``traced`` refuses user-defined objects that are no pytrees.
+    ``listed`` is as of a label.
     """
-    metadata = {_ROLE: "part", "kinds": kinds, "each": each, "traced": traced}
+    metadata = {_ROLE: "part", "kinds": kinds, "each": each, "traced": traced, "listed": listed}
     return dataclasses.field(metadata=metadata, **kwargs)
 
 

@@ -45,6 +45,7 @@ _UNIFORM_SPRINGS = Form(("number", "mass", "period", "damping"), ("taper", "heig
 _MORE = ("heights", "tuned_masses", "bearings", "dashpots")
 _LISTED = Form(("masses", "stiffnesses", "order", "tau_f", "tau_x"), ("damping", *_MORE))
 _LISTED_SPRINGS = Form(("masses", "stiffnesses", "damping"), _MORE)
+_LISTED_DASHPOTS = Form(("masses", "stiffnesses", "dashpots"), ("damping", *_MORE[:-1]))
 _OF_BUILDING = (*map(Form, (("storeys",), ("published",))), _BY_PERIOD, _BY_ROD)
 OF_STOREYS = ("storeys", "published", "isolation", "tuned_mass")
 _FLOOR = Form(("building", "floor"), ("next_building", "next_floor"))
@@ -115,7 +116,7 @@ class StoreySection(Section):
 
     masses: Annotated[list[_Mass], each(_Mass, alone=False)] | None = None
     stiffnesses: Annotated[_Stiffness | list[_Stiffness], each(_Stiffness)] | None = None
-    order: Annotated[_Order | list[_OrderOfStorey], each(_OrderOfStorey)] | None = None
+    order: Annotated[_OrderOfStorey | list[_OrderOfStorey], each(_OrderOfStorey)] | None = None
     tau_f: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
     tau_x: Annotated[_Relaxation | list[_Relaxation], each(_Relaxation)] | None = None
     heights: Annotated[_Height | list[_Height], each(_Height)] | None = None
@@ -125,7 +126,7 @@ class StoreySection(Section):
     bearings: _Number | None = None
 
     def __post_init__(self) -> None:
-        forms = _UNIFORM, _UNIFORM_SPRINGS, _LISTED, _LISTED_SPRINGS
+        forms = _UNIFORM, _UNIFORM_SPRINGS, _LISTED, _LISTED_SPRINGS, _LISTED_DASHPOTS
         if self.require_form(*forms) is _UNIFORM:
             for key in ("order", "tau_f"):
                 if isinstance(getattr(self, key), list):  # all storeys have one rod
@@ -144,9 +145,11 @@ class StoreySection(Section):
                 listed = x if isinstance(x := values[key], list) else [x] * len(self.order)
                 rods = zip(self.order, listed, strict=False)
                 values[key] = [None if order == "spring" else x for order, x in rods]
-        with named("", {"storey_mass": "mass"}):
+        if self.order == "spring":
+            values["order"] = None
+        named_counts = {"n_tuned": "tuned_masses", "n_bearings": "bearings"}
+        with named("", {"storey_mass": "mass"} | named_counts):
             if "masses" in values:
-                named_counts = {"n_tuned": "tuned_masses", "n_bearings": "bearings"}
                 counts = {name: values.pop(key, 0) for name, key in named_counts.items()}
                 return dataclasses.replace(jp.ShearBuilding.of_storeys(**values), **counts)
             n, mass = values.pop("number"), values.pop("mass")
@@ -207,7 +210,7 @@ class BuildingSection(YieldingSection):
     period: _Period | None = None
     damping_ratio: _Damping | None = None
     stiffness: _Stiffness | None = None
-    order: _Order | None = None
+    order: _OrderOfStorey | None = None
     tau_f: _Relaxation | None = None
     tau_x: _Relaxation | None = None
     height: _Height | None = None
@@ -239,6 +242,8 @@ class BuildingSection(YieldingSection):
         values = {
             key: x for key, x in self.stated().items() if key in _BY_PERIOD.keys + _BY_ROD.keys
         }
+        if self.order == "spring":
+            values["order"] = None
         heights = () if (height := values.pop("height", None)) is None else ((height,),)
         with named(""):
             block = (jp.Building.from_period if "period" in values else jp.Building)(**values)
@@ -375,7 +380,7 @@ def as_toml(buildings: jp.Buildings) -> str:
         yields = _lists(keys_of(storeys[: len(storeys) - counts["n_tuned"]]))
         lines += ["[[building]]", *yields, "[building.storeys]", *_lists(series)]
         damping = getattr(building, "damping", None)
-        if damping is not None or all(springs):
+        if damping is not None or (all(springs) and "dashpots" not in series):
             lines.append(f"damping = {{{', '.join(_damping(damping))}}}")
         lines += [f"tuned_masses = {n}  # the last of these"] if (n := counts["n_tuned"]) else []
         lines += [f"bearings = {n}  # the first of these"] if (n := counts["n_bearings"]) else []

@@ -24,6 +24,7 @@ from jaxpound.cli.isolation import device_of
 from jaxpound.cli.reading import File, Section, between, by_key, named, ranges, refused, unknown_key
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import LAWS, ContactSection, DistributionSpec, drawn
+from jaxpound.model.building import ROD
 from jaxpound.model.parameters import get, in_words, metadata, paths
 from jaxpound.model.places import link_places
 from jaxpound.model.system import is_closable
@@ -32,7 +33,6 @@ from jaxpound.results.named import PAIR
 
 X = TypeVar("X")
 
-_OF_ROD = ("order", "tau_f", "tau_x")
 _INVERSE = "mass_ratio"  # m1 over m2: a factor on it is one over that on its parameter, m2
 
 _OF_PAIR = {  # shorter keys of two buildings of one storey
@@ -40,7 +40,7 @@ _OF_PAIR = {  # shorter keys of two buildings of one storey
     "initial_gap": "link.1.gap",
     _INVERSE: "building.2.floor.1.mass",
     "stiffness_ratio": "building.2.storey.1.stiffness",
-    **{f"rod_{b}.{key}": f"building.{b}.storey.1.{key}" for b in (1, 2) for key in _OF_ROD},
+    **{f"rod_{b}.{key}": f"building.{b}.storey.1.{key}" for b in (1, 2) for key in ROD},
     **{f"contact.{key}": f"link.1.contact.{key}" for key in ranges(ContactSection)},
 }
 
@@ -138,7 +138,8 @@ def _keys(layout: BuildingsLayout) -> dict[str, list[str]]:
                     owner = floor if key == "mass" else storey
                     keys[f"{owner}.{key}"] = [f"buildings.{b}.storeys.{i}.{path}"]
         for path in paths(building.damping):
-            keys[f"building.{b + 1}.damping.{path}"] = [f"buildings.{b}.damping.{path}"]
+            key = "rayleigh" if path == "ratio" else path
+            keys[f"building.{b + 1}.damping.{key}"] = [f"buildings.{b}.damping.{path}"]
     for k, (table, link) in enumerate(zip(layout.tables, layout.buildings.links, strict=True)):
         ends = {"friction_force": "friction"} | ({"gap": "gap"} if is_closable(link.gap) else {})
         for path in (f"{law}.{path}" for law in LAWS for path in paths(getattr(link, law))):

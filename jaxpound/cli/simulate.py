@@ -206,7 +206,7 @@ def _of_building(
     modes = zip(by.periods, by.damping_ratios, by.participation, by.overdamped, strict=True)
     heights, base = building.heights[: building.n_floors], float(floors.displacement[0])
     storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
-    above = slice(bearing is not None, None)  # storeys above bearings
+    above = slice(building.n_bearings, None)  # storeys above bearings
     return {
         "storeys": building.n_floors,
         "height_m": float(building.elevations[-1]),

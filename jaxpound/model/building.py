@@ -22,10 +22,10 @@ DAMPING = Range(0, 1, "", "of the critical damping; 0.05 is 5 %")
 _MASS = Range(1e-3, 1e10, "kg", "from a model of a gram to ten times the heaviest tower")
 _STIFFNESS = Range(1e-6, 1e16, "N/m", "what such masses and periods make")
 _ORDER = Range(1e-3, 1, "", "of a fractional derivative, 1 for a classical one")
+_RELAXATION = Range(1e-12, 1e6, "s^order", "a relaxation time to the power of the order")
+ORDER_BY_DEFAULT = 0.5
 ROD = ("order", "tau_f", "tau_x")
 """The numbers of a fractional rod; a spring has none of them."""
-
-_RELAXATION = Range(1e-12, 1e6, "s^order", "a relaxation time to the power of the order")
 
 
 @pytree_dataclass
@@ -78,7 +78,12 @@ class Building(BatchInSI):
 
     @classmethod
     def from_period(
-        cls, mass: Any, period: Any, damping_ratio: Any = None, order: Any = 0.5, tau_f: Any = None
+        cls,
+        mass: Any,
+        period: Any,
+        damping_ratio: Any,
+        order: Any = ORDER_BY_DEFAULT,
+        tau_f: Any = None,
     ) -> Building:
         """The building with this equivalent natural period and damping ratio.
 
@@ -98,8 +103,8 @@ class Building(BatchInSI):
         period
             Natural period > 0, s.
         damping_ratio
-            Equivalent viscous damping ratio ≥ 0 (0.05 is 5 %). Without one the block is on a
-            spring, without damping.
+            Equivalent viscous damping ratio ≥ 0 (0.05 is 5 %); None for a block on a spring,
+            without damping.
         order
             Order of the fractional derivative, in (0, 1]; None for a spring beside a dashpot.
         tau_f
@@ -116,6 +121,10 @@ class Building(BatchInSI):
         """
         mass, period = positive(mass=mass, period=period)
         if damping_ratio is None:
+            for name, x, default in (("order", order, ORDER_BY_DEFAULT), ("tau_f", tau_f, None)):
+                if x is not default and x is not None:
+                    rule = "must be left out without a damping ratio: the block is on a spring"
+                    raise InvalidInput(name, str(x), rule)
             enforce([PERIOD.of("period", period)])
             return cls(mass, mass * (2 * np.pi / period) ** 2)
         (zeta,) = not_negative(damping_ratio=damping_ratio)

@@ -35,7 +35,8 @@ class Rayleigh(BatchInSI):
     Parameters
     ----------
     ratio
-        Damping ratio ≥ 0 that two modes have (0.05 is 5 %).
+        Damping ratio ≥ 0 that two modes have (0.05 is 5 %); that of storeys' own rods and dashpots
+        comes on top.
     modes
         The two modes, from 1; by default the first two. A building of one storey has one.
     mass, stiffness
@@ -59,9 +60,12 @@ class Rayleigh(BatchInSI):
         modes = as_tuple("modes", self.modes)
         if len(modes) != 2 or not all(is_whole(x) and x >= 1 for x in modes):
             raise InvalidInput("modes", repr(self.modes), "must be the numbers of two, from 1")
-        object.__setattr__(self, "modes", tuple(map(int, modes)))
+        object.__setattr__(self, "modes", tuple(sorted(map(int, modes))))
         if self.ratio is None and self.mass is None and self.stiffness is None:
             raise InvalidInput("ratio", "None", "must be stated, or mass and stiffness")
+        if self.ratio is None and self.modes != _MODES:
+            rule = "must be left out beside mass and stiffness: they are those of a ratio"
+            raise InvalidInput("modes", repr(self.modes), rule)
         if self.ratio is not None:
             for name in ("mass", "stiffness"):
                 if (value := getattr(self, name)) is not None:
@@ -76,7 +80,8 @@ class Rayleigh(BatchInSI):
     def coefficients(self, masses: Sequence[Any], stiffnesses: Sequence[Any]) -> tuple[Any, Any]:
         """α, 1/s, and β, s, of a shear building of these masses, kg, on storeys, N/m."""
         if self.ratio is None:
-            return self.mass or 0.0, self.stiffness or 0.0
+            alpha, beta = (0.0 if x is None else x for x in (self.mass, self.stiffness))
+            return alpha, beta
         numbers = [min(number, len(masses)) for number in self.modes]
         first, second = (frequency(masses, stiffnesses, number - 1) for number in numbers)
         beta = 2 * self.ratio / (first + second)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
@@ -81,9 +81,28 @@ def doubts(buildings: Buildings) -> list[str]:
         [finding_in(f"link {place}", link, floors) for place, link in links]
         for finding_in in (_slip, _touching, _width)
     )
-    findings = [*floors.doubts(), *_first(floors.strengths), *_first(slips), *_first(contacts)]
+    findings = [
+        *floors.doubts(),
+        *_undamped(buildings),
+        *_first(floors.strengths),
+        *_first(slips),
+        *_first(contacts),
+    ]
     # The size of masses is for those in which nothing else asks for their unit.
     return (findings or floors.size()) + _first(widths)
+
+
+def _undamped(buildings: Buildings) -> list[str]:
+    """A finding for the first building in which nothing takes energy."""
+    for number, building in enumerate(buildings.buildings, 1):
+        storeys: Any = getattr(building, "storeys", (building,))
+        rods = [x for storey in storeys for x in (storey.order, storey.hysteresis, storey.dashpot)]
+        if all(x is None for x in [*rods, getattr(building, "damping", None)]):
+            return [
+                f"building {number} has no damping: damping=jp.Rayleigh(0.05), or order, tau_f and "
+                "tau_x of its rods, give it some; Rayleigh(0.0) says that there is none"
+            ]
+    return []
 
 
 class _Floors(NamedTuple):

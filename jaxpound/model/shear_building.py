@@ -23,7 +23,7 @@ from jaxpound._checks import (
 )
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
-from jaxpound.model.building import ROD, Building
+from jaxpound.model.building import ORDER_BY_DEFAULT, ROD, Building
 from jaxpound.model.dampers import Dashpot
 from jaxpound.model.damping import Rayleigh
 from jaxpound.model.hysteresis import Bilinear
@@ -168,7 +168,7 @@ class ShearBuilding:
         storey_mass: Any,
         period: Any,
         damping_ratio: Any = None,
-        order: Any = 0.5,
+        order: Any = ORDER_BY_DEFAULT,
         tau_f: Any = None,
         *,
         taper: float = 1.0,
@@ -221,7 +221,7 @@ class ShearBuilding:
         enforce([positive, TAPER.of("taper", taper)])
         shares = np.linspace(1.0, float(taper), n)
         if (damping is None) == (damping_ratio is None):
-            rule = "must be stated, or damping, not both"
+            rule = "must be one of damping_ratio and damping: the other is None"
             raise InvalidInput("damping_ratio", str(damping_ratio), rule)
         with renamed(names={"mass": "storey_mass"}):
             block = Building.from_period(masses[0], period, damping_ratio, order, tau_f)
@@ -308,6 +308,9 @@ class ShearBuilding:
             raise InvalidInput(name, "", f"must be by one of {', '.join(STRENGTHS)}")
         ((name, value),), n = stated.items(), self.n_floors
         yielding, tuned = self.storeys[:n], self.storeys[n:]
+        if self.n_bearings and (isinstance(value, str) or not isinstance(value, Sequence)):
+            rule = "must be a list with a number for each storey of a building on bearings, which "
+            raise InvalidInput(name, str(value), rule + "are a storey; or of it before on_bearings")
         values = [_checks.real(name, x) for x in _each(name, value, n)]
         enforce([STRENGTHS[name].of(name, x) for x in values])
         if base_shear_coefficient is not None:
@@ -334,8 +337,28 @@ class ShearBuilding:
         if is_traced(above):
             raise InvalidInput("masses", "", "must be known, not traced")
         n = self.n_floors
-        storeys = map(with_weight, self.storeys[:n], gravity * above, self.heights)
-        return dataclasses.replace(self, storeys=(*storeys, *self.storeys[n:]))
+        lighter = self._with_own_dashpots()
+        storeys = map(with_weight, lighter.storeys[:n], gravity * above, self.heights)
+        return dataclasses.replace(lighter, storeys=(*storeys, *self.storeys[n:]))
+
+    def _with_own_dashpots(self) -> ShearBuilding:
+        """The same, where a change of stiffness leaves β K of ``damping`` as it is."""
+        if self.damping is None:
+            return self
+        first, n = self.n_bearings, self.n_floors
+        alpha, beta = self._rayleigh()
+        dashpots = [0.0 if x.dashpot is None else x.dashpot for x in self.storeys[first:n]]
+        pairs = zip(self.storeys[first:n], dashpots, strict=True)
+        damped = [dataclasses.replace(x, dashpot=c + beta * x.stiffness) for x, c in pairs]
+        storeys = *self.storeys[:first], *damped, *self.storeys[n:]
+        return dataclasses.replace(self, storeys=storeys, damping=Rayleigh(mass=alpha))
+
+    def _rayleigh(self) -> tuple[Any, Any]:
+        """α and β of ``damping``, of the storeys above bearings."""
+        storeys = self.storeys[self.n_bearings : self.n_floors]
+        numbers = ([getattr(storey, x) for storey in storeys] for x in ("mass", "stiffness"))
+        assert self.damping is not None
+        return self.damping.coefficients(*numbers)
 
     @property
     def n_floors(self) -> int:
@@ -389,10 +412,8 @@ def _dashpots(building: Building | ShearBuilding) -> list[tuple[Ends, Any]]:
     ]
     if isinstance(building, ShearBuilding) and building.damping is not None:
         first = building.n_bearings
-        storeys = building.storeys[first : building.n_floors]
-        masses, stiffnesses = ([getattr(s, x) for s in storeys] for x in ("mass", "stiffness"))
-        alpha, beta = building.damping.coefficients(masses, stiffnesses)
-        for i, storey in enumerate(storeys, first):
+        alpha, beta = building._rayleigh()
+        for i, storey in enumerate(building.storeys[first : building.n_floors], first):
             dashpots.append(((i, first - 1 if first else GROUND), alpha * storey.mass))
             dashpots.append((storey_ends(i), beta * storey.stiffness))
     return dashpots

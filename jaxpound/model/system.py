@@ -266,7 +266,7 @@ class System:
     links: tuple[Link, ...] = part(Link, each=True, default=())
     tuned: tuple[int, ...] = static(default=(), listed=bool)
     influence: tuple[float, ...] = static(default=(), listed=bool)
-    damping: tuple[Rod, ...] = part(Rod, each=True, default=())
+    damping: tuple[Rod, ...] = part(Rod, each=True, default=(), listed=bool)
     units: ClassVar = DIMENSIONLESS
     """The unit of each kind of quantity, such as ``units["force"]``; of ``Buildings`` in SI."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxpound._fields import unchecked
 from jaxpound.model.dampers import Inerter
-from jaxpound.model.ends import along, elongation, load_on, weighted
+from jaxpound.model.ends import along, elongation
 from jaxpound.model.joint import groups, joints
 from jaxpound.model.system import Link, System
 from jaxpound.results.impacts import Impact
@@ -94,10 +94,8 @@ def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
         for link in response.links
     )
     influence = [mass.influence for mass in response.masses]
-    rods = [weighted(rod) for rod in response.rods]
     system = unchecked(System, masses=masses, rods=(), links=links, tuned=())
-    forces = [rod.force for rod in response.rods]
-    free = [load_on(number, rods, forces) / mass for number, mass in enumerate(masses)]
+    free = [*response.accelerations(response.rods, [rod.force for rod in response.rods])]
     steps: dict[tuple[int, int], np.ndarray] = {}
     for group in groups(joints(system)):
         if any(links[face.link].contact for joint in group for face in joint.faces):

@@ -114,7 +114,7 @@ class LivePanels:
 _TABS = {  # parameters by their names; those of a law of contact together
     "damper": ("friction", "initial_gap", "gap"),
     "contact": ("contact",),
-    "rods": ("order", "tau_x", "tau_f"),
+    "rods": ("order", "tau_x", "tau_f", "dashpot", "ratio"),
     "buildings": ("mass_ratio", "stiffness_ratio", "mass", "stiffness"),
 }
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.ends import along, beside_axis, load_on, weighted
+from jaxpound.model.ends import Element, along, beside_axis, load_on, weighted
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.topology import AnyEnds, Topology
 from jaxpound.quantities import column, unit
@@ -41,9 +41,10 @@ class MassResponse:
     influence: float = static(default=1.0)
     """The share ι of the ground's motion that it has, a number."""
     damping: Any = quantity("force", column="damping_{}", default=None, smooth=True)
-    """Force on it by the damping of its building (``System.damping``); None without any."""
+    """Force on it, to the right, by the damping of its building and dashpots beside its storeys and
+    tuned masses (``System.damping``); None without any."""
     load: Any = quantity("force", column="load_{}", default=None, smooth=True)
-    """Load on it; None in a run without loads."""
+    """Load on it, to the right; None in a run without loads."""
 
 
 @pytree_dataclass
@@ -178,14 +179,20 @@ class Response(ByElement, Columnar, Shown):
         for link in self.links:
             more = (force for force in (link.contact, link.inertia) if force is not None)
             forces.append(sum(more, link.friction))
-        ends = [
-            beside_axis(ends) for ends in (*map(weighted, self.rods), *map(weighted, self.links))
-        ]
-        loads = (load_on(i, ends, forces) for i in range(len(self.masses)))
+        return self.accelerations((*self.rods, *self.links), forces)
+
+    def accelerations(self, elements: Sequence[Element], forces: Sequence[Any]) -> tuple[Any, ...]:
+        """Acceleration of each mass by forces in elements, by damping and by its load."""
+        ends = [beside_axis(weighted(element)) for element in elements]
         return tuple(
-            _total([load, *(x for x in (mass.damping, mass.load) if x is not None)])
+            _total(
+                [
+                    load_on(i, ends, forces),
+                    *(x for x in (mass.damping, mass.load) if x is not None),
+                ]
+            )
             / jnp.asarray(mass.mass)[..., None]
-            for load, mass in zip(loads, self.masses, strict=True)
+            for i, mass in enumerate(self.masses)
         )
 
     @property
@@ -379,7 +386,7 @@ class Energy(NamedTuple):
     yielding: Any = 0.0
     """Energy dissipated by rods that yield and by viscous dampers, a part of ``rods``."""
     damping: Any = 0.0
-    """Work into the damping of the buildings (``System.damping``)."""
+    """Work into the damping of the buildings, and dashpots beside storeys (``System.damping``)."""
 
     @property
     def relative_residual(self) -> Any:

@@ -125,7 +125,7 @@ class StepConstants(NamedTuple):
     def accelerations(
         self, rods: Sequence[RodStep], v: Sequence[Any], owed: Any, now: Now, drag: Any = None
     ) -> tuple[list[Any], Any]:
-        """Mean accelerations in a step by the rods alone, and u'' if they are without the ground's.
+        """Mean accelerations in a step by rods and loads, and u'' if they are without the ground's.
 
         ``v`` are velocities before it; dashpots owe accelerations and may ``drag``.
         """

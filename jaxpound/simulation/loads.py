@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxpound._checks import instance, is_whole, real
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import DIMENSIONLESS, Ground
+from jaxpound.ground.motion import DIMENSIONLESS, Ground, as_motion, records_in
 from jaxpound.ground.record import Record
 from jaxpound.ground.run_input import as_pytree
 from jaxpound.model.system import Structures
@@ -33,11 +33,20 @@ def by_mass(
             if jnp.shape(samples) != shape:
                 rule = f"must be {shape}, a number for each instant, or a function of t"
                 raise InvalidInput(f"{name} of shape {jnp.shape(samples)}", "", rule)
+            after = 2 * samples[-1:] - samples[-2:-1]  # the last step goes on beyond the end
             with renamed(names={"acceleration": name}):
-                load = Record(samples, grid.dt, time_unit=DIMENSIONLESS)
+                load = Record(jnp.concatenate([samples, after]), grid.dt, time_unit=DIMENSIONLESS)
+        elif any(records_in(load)):
+            rule = "must be a force, but is in g: a series of its samples in N may be one"
+            raise InvalidInput(name, repr(load), rule)
         with renamed(names={"ground: acceleration(t)": f"{name}: of t"}):
             forces[mass] = as_pytree(load, scheme.finest(grid))
     return dict(sorted(forces.items()))
+
+
+def unresolved(loads: Mapping[int, Ground], dt: float) -> list[str]:
+    """Findings for loads that steps of dt do not resolve, of those that say so."""
+    return [f"loads: {x}" for load in loads.values() for x in as_motion(load).unresolved(dt)]
 
 
 def _mass(key: Any, topology: Topology) -> int:

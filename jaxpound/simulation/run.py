@@ -35,7 +35,7 @@ from jaxpound.results.elements import is_valid
 from jaxpound.results.response import Response
 from jaxpound.simulation.constants import contacts
 from jaxpound.simulation.contact.records import Contact
-from jaxpound.simulation.loads import by_mass
+from jaxpound.simulation.loads import by_mass, unresolved
 from jaxpound.simulation.observe.series import StoredSeries, response_of
 from jaxpound.simulation.observe.tally import Tally
 from jaxpound.simulation.rollout import Rollout, extrapolated, extrapolated_response, program_key
@@ -94,8 +94,9 @@ def simulate(
     loads
         Forces on masses beside the ground motion, such as wind or a blast, positive to the right:
         by (building, floor), both from 0, or by the number of a mass of a ``System``, a function of
-        t, a series of n_steps+1 numbers at the grid's instants, linear in between, or any object
-        that a ground motion may be; in N with ``Buildings``. None by default.
+        t, a series of n_steps+1 numbers at the grid's instants, linear in between, or an object
+        with ``acceleration(t)``, which is the force; in N with ``Buildings``. The steps must
+        resolve them. None by default.
     strict
         Whether a ``PlausibilityWarning`` is raised as a ``ValueError``, also one that came when the
         buildings, or a record of the ground motion, were made.
@@ -178,7 +179,7 @@ def demand(
         Flat names of the requested scalars, such as ``("min_gap", "peak_f1")``: all others
         are None, and a batch of pairs takes some 0.7 of the time. By default all.
     initial, strict
-        See ``simulate``, which takes loads, too.
+        See ``simulate``, which takes ``loads``, too.
 
     Examples
     --------
@@ -217,7 +218,7 @@ def _temperature_rules(temperature: Any) -> list[Rule]:
 
 
 class Case(NamedTuple):
-    """What a run is of: structures, a ground motion, and the start unless all is at rest."""
+    """What a run is of: structures, a ground motion, loads, and the start unless all is at rest."""
 
     structures: Structures
     ground: Any  # as the user has it, or in a form that can be traced
@@ -251,12 +252,13 @@ class Case(NamedTuple):
             enforce(rules(initial, "initial: "))
             enforce(initial_rules(initial, system, grid.dt))
         traceable = as_run(ground, scheme.finest(grid), self.gravity)
-        if not is_traced((structures, traceable)):
-            findings = unseen(ground, grid, strict=strict) + imprecise(system, grid, traceable)
-            earlier = structures.doubts if strict and isinstance(structures, Buildings) else []
-            warn(findings + earlier, strict)
         if loads is not None:
             loads = by_mass(loads, structures, grid, scheme)
+        if not is_traced((structures, traceable, loads)):
+            findings = unseen(ground, grid, strict=strict) + imprecise(system, grid, traceable)
+            findings += unresolved(loads or {}, grid.dt)
+            earlier = structures.doubts if strict and isinstance(structures, Buildings) else []
+            warn(findings + earlier, strict)
         return self._replace(ground=traceable, loads=loads), grid
 
     def warn_of_results(self, demand: Demand, strict: bool) -> None:

@@ -2,6 +2,8 @@
 
     M x'' = −Bᵀ f − Cᵀ (q + p) − M ι u''     rods f(e), e = B x;   joints q(s'), p(s, s'), s = C x
 
+with −D x' of dashpots (``damping``) and loads on the right, where a run has any.
+
 Rods have forces f, joints friction q and contact forces p. Velocities live half a step before
 displacements: v_{m+1/2} = v_{m−1/2} + h a_m is the kick, x_{m+1} = x_m + h v_{m+1/2} the drift.
 This is the central difference of the paper's eqs. (10) and (12) without its cancellation. Every

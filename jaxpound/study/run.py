@@ -25,6 +25,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import is_closable
+from jaxpound.model.topology import GROUND
 from jaxpound.results.named import PAIR
 from jaxpound.scenarios.sampling import key_numbers, require_sampling
 from jaxpound.scenarios.scenarios import ScenarioSet, grounds_at, structures_of, topology_of
@@ -183,10 +184,13 @@ def _context(task: Task) -> dict[str, Any]:
         if median.topology != PAIR or not is_closable(median.links[0].gap):
             return []
         periods_and_ratios = []
-        for rod, mass in zip(median.rods, median.masses, strict=True):
+        for number, (rod, mass) in enumerate(zip(median.rods, median.masses, strict=True)):
             elastic, stiffness = before_yield(rod.material), rod.stiffness
-            periods_and_ratios += [2 * jnp.pi / elastic.natural_frequency(stiffness, mass)]
-            periods_and_ratios += [elastic.damping_ratio(stiffness, mass)]
+            frequency = elastic.natural_frequency(stiffness, mass)
+            own = [x for x in median.damping if x.ends == (number, GROUND)]
+            dashpots = sum(x.material.coefficient for x in own) / (2 * mass * frequency)
+            periods_and_ratios += [2 * jnp.pi / frequency]
+            periods_and_ratios += [elastic.damping_ratio(stiffness, mass) + dashpots]
         return periods_and_ratios
 
     numbers = cached("median", task.fingerprint, lambda: [*map(float, oscillators(z))])

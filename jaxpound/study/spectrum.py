@@ -120,8 +120,7 @@ def inelastic_spectrum(
         One number each: ζ from 0 to below 1; the stiffness after yield over that before, 0 to 1.
     dt
         Time step in s; by default the record's sample interval or a whole part of it, with at least
-        50 steps in the shortest period and within half of the stability limit, which falls as the
-        damping grows.
+        50 steps in the shortest period and within half of the stability limit.
 
     Examples
     --------

@@ -19,7 +19,7 @@ from jaxpound.model.parameters import get
 from jaxpound.model.row import by_face
 from tests.cli.commands import layout_of, simulated
 from tests.cli.written import csv_rows, summary
-from tests.refusals import refusals
+from tests.refusals import refusals, refused
 
 FRAME = jp.ShearBuilding.from_period(3, 3e5, 0.5, 0.03)
 STOREYS = "[[building]]\nstoreys = {number = 3, mass = 3e5, period = 0.5, damping_ratio = 0.03}\n"
@@ -90,6 +90,15 @@ HIGH = LEAD_WALL.replace("0.3", "0.8").replace("wall", "height = 1.5, wall")
 NUMBERED = (FRAME, lead_rubber(height=1.5)[0]), lead_rubber(gap=0.8, number=1)[1]
 TUNED_INERTER = "tuned_mass = {inertance_ratio = 0.05, damping_ratio = 0.1"
 TUNED = "tuned_mass = {mass_ratio = 0.05, damping_ratio = 0.1}"
+SPRINGS = "[[building]]\n[building.storeys]\nmasses = [3e5, 3e5, 2e5]\nstiffnesses = 2e8\n{}\n"
+UNIFORM = "[[building]]\n[building.storeys]\nnumber = 3\nmass = 3e5\nperiod = 0.5\n"
+ON_LEAD = 'type = "lead rubber"\nbase_mass = 3.5e5\nperiod = 2.5\nstrength = 0.05\n'
+MASSES = [3e5, 3e5, 2e5]
+DAMPED = jp.ShearBuilding.of_storeys(MASSES, 2e8, damping=jp.Rayleigh(0.05, (1, 3)))
+VISCOUS = jp.ShearBuilding.of_storeys(MASSES, 2e8, dashpots=[1e6, None, 2e6])
+UNIFORMLY = jp.ShearBuilding.from_period(
+    3, 3e5, 0.5, damping=jp.Rayleigh(None, mass=0.5, stiffness=0.002)
+)
 FORMS = {
     "two faces": (ISOLATED + STOREYS + LINK, of_two_faces()),
     "lead rubber": (STOREYS + LEAD_WALL, one(*lead_rubber())),
@@ -105,6 +114,16 @@ FORMS = {
         tuned_inerter(floor=0, mass_ratio=0.02),
     ),
     "left face": (GROUND + OF_FACE, one(FRAME, (FACE,))),
+    "rayleigh": (SPRINGS.format("damping = {rayleigh = 0.05, modes = [1, 3]}"), one(DAMPED, ())),
+    "rayleigh on bearings": (
+        f"{UNIFORM}damping = {{mass = 0.5, stiffness = 0.002}}\n[building.isolation]\n{ON_LEAD}",
+        one(*jp.on_bearings(UNIFORMLY, jp.LeadRubber(2.5, 0.05), 3.5e5)),
+    ),
+    "dashpots": (SPRINGS.format("dashpots = [1e6, 0.0, 2e6]"), one(VISCOUS, ())),
+    "spring and dashpot": (
+        f'{UNIFORM}damping_ratio = 0.05\norder = "spring"\n',
+        one(jp.ShearBuilding.from_period(3, 3e5, 0.5, 0.05, None), ()),
+    ),
 }
 
 
@@ -119,6 +138,22 @@ def test_a_file_is_the_library_s_buildings_and_is_written_back(form):
     values = [[float(x) for x in jax.tree.leaves(each)] for each in (again, layout.buildings)]
     np.testing.assert_allclose(*values, rtol=1e-12)
     assert [link.side for link in again.links] == [link.side for link in links]
+
+
+def test_damping_has_keys_and_a_file_s_faults_are_named():
+    keys = Parameters(layout_of(FORMS["rayleigh"][0])).keys
+    assert keys["building.1.damping.rayleigh"] == ["buildings.0.damping.ratio"]
+    assert Parameters(layout_of(FORMS["dashpots"][0])).keys["building.1.storey.3.dashpot"]
+    faults = {
+        "damping = {rayleigh = 1.5}": "rayleigh = 1.5 must be between 0 and 1",
+        "damping = {rayleigh = 0.05, modes = [1, 4]}": r"modes = \(1, 4\) must be from 1 to 3",
+        "damping = {mass = 1.0}": "damping lacks stiffness",
+        "order = 0.5": "lacks tau_f, tau_x",
+        "dashpots = [1.0, 2.0]": "dashpots, 2 of them, must be 3",
+        "damping = {rayleigh = 0.05}\nbearings = 3": "bearings = 3 must be a whole number",
+    }
+    for text, words in faults.items():
+        refused(words, layout_of, SPRINGS.format(text))
 
 
 def test_a_dashpot_is_written_back():

@@ -20,6 +20,7 @@ GRID = jp.TimeGrid.until(4.0, 0.005)
 
 
 FIVE = jp.Rayleigh(0.05)
+SHAKEN = jp.RandomRicker(1, jp.LogNormal(0.02, 0.3), jp.Uniform(0.5, 1.0), jp.Uniform(0.5, 1.5))
 
 
 def frame(damping=FIVE, **options):
@@ -210,6 +211,65 @@ def test_random_stiffnesses_change_rayleigh_s_coefficients():
     assert "buildings.0.damping.ratio" in paths
 
 
+def test_coefficients_are_those_of_a_ratio_in_runs_too():
+    """Both, or one of them, traced: a batch, and the derivative where one of them is 0."""
+
+    @jax.jit
+    def roof(alpha, beta):
+        building = frame(jp.Rayleigh(mass=alpha, stiffness=beta))
+        return jp.demand(jp.Buildings((building,)), SHAKING, GRID, only=("peak_x4",)).peak_x4
+
+    *_, (alpha, beta) = linear(frame())
+    exact = float(jp.demand(jp.Buildings((frame(),)), SHAKING, GRID).peak_x4)
+    assert float(roof(alpha, beta)) == pytest.approx(exact, rel=1e-9)
+    for name, other in (("mass", roof(alpha, 0.0)), ("stiffness", roof(0.0, beta))):
+        building = frame(jp.Rayleigh(**{name: alpha if name == "mass" else beta}))
+        demand = jp.demand(jp.Buildings((building,)), SHAKING, GRID)
+        assert float(demand.peak_x4) == pytest.approx(float(other), rel=1e-9)
+    both = jax.vmap(roof, (0, None))(jnp.array([0.0, alpha]), beta)
+    assert float(both[1]) == pytest.approx(exact, rel=1e-9)
+    slope = float(jax.grad(roof)(0.0, beta))
+    rise = float(roof(1e-3, beta) - roof(0.0, beta)) / 1e-3
+    assert slope == pytest.approx(rise, rel=1e-2) != 0
+
+
+def test_the_weight_of_a_building_leaves_its_damping_as_it_is():
+    heavy = frame().with_p_delta()
+    matrices = []
+    for building in (frame(), heavy):
+        rods = jp.Buildings((building,)).system().damping
+        matrices.append(sum(np.asarray(dashpot_matrix(rod)) for rod in rods))
+    np.testing.assert_allclose(matrices[1], matrices[0], rtol=1e-12)
+    assert float(heavy.natural_period) > float(frame().natural_period)
+
+
+def dashpot_matrix(rod):
+    row = np.zeros(5)
+    row[list(rod.ends)] = 1, -1
+    return float(rod.material.coefficient) * np.outer(row, row)[:4, :4]
+
+
+def test_code_rules_know_the_damping_of_blocks():
+    """The correlation of two blocks is that of their ratios, however these are stated."""
+    pairs = [
+        (jp.Building.from_period(4e5, t, 0.05, order=None) for t in (0.9, 0.8)),
+        (jp.ShearBuilding.from_period(1, 4e5, t, damping=jp.Rayleigh(0.05)) for t in (0.9, 0.8)),
+    ]
+    for pair in pairs:
+        buildings = jp.Buildings((*pair,), (jp.FloorLink(0, 0, friction=1e4, gap=0.1),))
+        scenarios = jp.Scenarios(buildings, SHAKEN)
+        study = jp.monte_carlo(scenarios, 4, jp.TimeGrid.until(3.0, 0.02), progress=False)
+        periods_and_ratios = study.about["oscillators"]
+        np.testing.assert_allclose(periods_and_ratios, [0.9, 0.05, 0.8, 0.05], rtol=1e-9)
+
+
+def test_buildings_without_any_damping_are_told_of():
+    bare = jp.ShearBuilding.of_storeys(MASSES, STIFFNESSES)
+    with pytest.warns(jp.PlausibilityWarning, match="building 1 has no damping"):
+        jp.Buildings((bare,))
+    jp.Buildings((frame(jp.Rayleigh(0.0)),))
+
+
 def test_single_precision_is_that_of_doubles():
     cast = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (jp.Buildings((frame(),)), SHAKING))
     ours = jp.demand(*cast, GRID).peak_x4
@@ -233,11 +293,23 @@ test_faults_are_named = refusals(
     ),
     (
         lambda: jp.ShearBuilding.from_period(3, 2e5, 0.5),
-        "damping_ratio = None must be stated, or damping, not both",
+        "damping_ratio = None must be one of damping_ratio and damping: the other is None",
     ),
     (
         lambda: jp.Building.from_period(1e5, 0.5, 0.05, None, 0.01),
         "tau_f = 0.01 must be left out where order is None",
+    ),
+    (
+        lambda: jp.Building.from_period(1e5, 0.5, None, order=0.7),
+        "order = 0.7 must be left out without a damping ratio: the block is on a spring",
+    ),
+    (
+        lambda: jp.Rayleigh(mass=0.1, modes=(1, 3)),
+        r"modes = \(1, 3\) must be left out beside mass and stiffness",
+    ),
+    (
+        lambda: jp.on_bearings(frame(), jp.LeadRubber(2.5, 0.05), 3e5)[0].yielding(yield_force=1e6),
+        "yield_force = 1000000.0 must be a list with a number for each storey of a building on",
     ),
     (
         lambda: dataclasses.replace(frame(), n_bearings=4),

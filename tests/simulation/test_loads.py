@@ -6,6 +6,11 @@ import numpy as np
 import pytest
 
 import jaxpound as jp
+from jaxpound._xla import plan
+from jaxpound.ground.run_input import as_pytree
+from jaxpound.plots.contact_paths import followed_contacts
+from jaxpound.reliability.instants import _accelerations
+from jaxpound.simulation.rollout import Rollout
 from tests.refusals import refusals
 
 G = jp.GROUND
@@ -97,6 +102,9 @@ def test_a_series_is_linear_between_the_instants():
 
     exact = jp.simulate(block(), still, fine, loads={0: load}).masses[0].x[::20]
     coarse = np.abs(of_series - exact).max()
+    same = jp.simulate(block(), still, kinked, loads={0: np.full(kinked.n_steps + 1, 0.5)})
+    constant = jp.simulate(block(), still, kinked, loads={0: lambda t: 0.5 + 0.0 * t})
+    np.testing.assert_allclose(same.masses[0].v, constant.masses[0].v, rtol=0, atol=1e-14)
     halved = kinked.halved
     again = np.interp(halved.times(), kinked.times(), series)
     finer = jp.simulate(block(), still, halved, loads={0: again}).masses[0].x[::2]
@@ -124,6 +132,51 @@ def test_gradients_batches_and_single_precision():
     assert float(single) == pytest.approx(float(values[0]), rel=1e-3, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("scheme", "largest"),
+    [(jp.Scheme(extrapolated=True), 2e-5), (jp.PAPER_SCHEME, 5e-2)],
+    ids=["extrapolated", "paper"],
+)
+def test_other_schemes_take_loads(scheme, largest):
+    swing = {0: lambda t: 0.5 * jnp.sin(t) ** 2}
+    fine = jp.simulate(block(), still, jp.TimeGrid.until(6.0, 0.0025), loads=swing).masses[0].x[::8]
+    ours = jp.simulate(block(), still, GRID, scheme, loads=swing).masses[0].x
+    assert np.abs(ours - fine).max() < largest * np.abs(fine).max()
+
+
+def test_a_block_starts_displaced_under_a_load():
+    """It rests where the load holds it."""
+    start = jp.InitialState((0.5 / 8.0,), (0.0,))
+    load = {0: lambda t: 0.5 + 0.0 * t}
+    response = jp.simulate(block(), still, GRID, initial=start, loads=load)
+    np.testing.assert_allclose(response.masses[0].x, 0.5 / 8.0, rtol=1e-12)
+
+
+def test_paths_of_contact_and_limit_states_know_loads_and_damping():
+    """Paths within steps are those of the same motion by the ground; as are accelerations."""
+    system = towers(jp.KelvinVoigt(80.0, 0.7), True)
+
+    def ground(t):
+        return 0.6 * jnp.sin(2.5 * t) * jnp.exp(-0.2 * t)
+
+    loads = {k: (lambda t, m=m: -m * ground(t)) for k, m in enumerate(system.masses)}
+    runs = jp.simulate(system, ground, GRID), jp.simulate(system, still, GRID, loads=loads)
+    paths = [followed_contacts(run)[0] for run in runs]
+    np.testing.assert_allclose(paths[1].force, paths[0].force, rtol=0, atol=1e-6)
+    peak = max(float(np.abs(path.force).max()) for path in paths)
+    assert peak == pytest.approx(float(runs[0].demand.links[0].peak_contact), rel=1e-2)
+    with plan.chosen(plan.plain):
+        run = Rollout.of(system, as_pytree(ground, GRID), GRID, jp.Scheme())
+        _, series = run.observed(lambda n, now, m: (n, _accelerations(run.constants, now)), 0)
+    for ours, others in zip(series, runs[0].absolute_accelerations, strict=True):
+        np.testing.assert_allclose(ours[-len(others) :], others, rtol=0, atol=1e-9)
+
+
+def test_loads_that_steps_do_not_resolve_are_told_of():
+    with pytest.warns(jp.PlausibilityWarning, match="loads: .*step"):
+        jp.simulate(block(), still, GRID, loads={0: jp.Ricker(1e-4, 0.05, 1.0)})
+
+
 def test_loads_on_buildings_are_in_newtons_by_building_and_floor():
     frame = jp.ShearBuilding.from_period(2, 3e5, period=0.4, damping=jp.Rayleigh(0.05))
     buildings = jp.Buildings((jp.Building.from_period(3e5, 0.5, 0.05), frame))
@@ -143,6 +196,7 @@ test_faults_are_named = refusals(
     ({(0, 1): still}, r"loads: \(0, 1\) must be by \(building, floor\), from 0"),
     ({0: still, (0, 0): still}, r"loads\[\(0, 0\)\] must be of another mass than those before it"),
     ({0: [1.0, 2.0]}, r"loads\[0\] of shape \(2,\) must be \(301,\), a number for each instant"),
+    ({0: jp.Record([0.0, 0.1, 0.0], 0.1)}, r"loads\[0\] = Record.* must be a force, but is in g"),
     ({0: np.full(301, np.nan)}, r"loads\[0\] .*must be finite"),
     of=lambda loads: jp.simulate(block(), still, GRID, loads=loads),
 )
