@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -13,6 +13,7 @@ WeightedEnds = tuple[tuple[int, Any], ...]
 """Masses and their weights; the ground, which does not move, is left out."""
 
 
+@runtime_checkable
 class Element(Protocol):
     """A rod, a link, or the response of either."""
 

@@ -96,9 +96,8 @@ ON_LEAD = 'type = "lead rubber"\nbase_mass = 3.5e5\nperiod = 2.5\nstrength = 0.0
 MASSES = [3e5, 3e5, 2e5]
 DAMPED = jp.ShearBuilding.of_storeys(MASSES, 2e8, damping=jp.Rayleigh(0.05, (1, 3)))
 VISCOUS = jp.ShearBuilding.of_storeys(MASSES, 2e8, dashpots=[1e6, None, 2e6])
-UNIFORMLY = jp.ShearBuilding.from_period(
-    3, 3e5, 0.5, damping=jp.Rayleigh(None, mass=0.5, stiffness=0.002)
-)
+ALPHA_BETA = jp.Rayleigh(mass=0.5, stiffness=0.002)
+UNIFORMLY = jp.ShearBuilding.from_period(3, 3e5, 0.5, damping=ALPHA_BETA)
 FORMS = {
     "two faces": (ISOLATED + STOREYS + LINK, of_two_faces()),
     "lead rubber": (STOREYS + LEAD_WALL, one(*lead_rubber())),

@@ -178,7 +178,7 @@ def test_a_block_on_a_spring_and_a_dashpot_is_exactly_viscous():
     np.testing.assert_allclose(modes.eigenvalues, omega * (-0.05 + 1j * np.sqrt(1 - 0.05**2)))
     frame = jp.ShearBuilding.from_period(3, 2e5, 0.5, 0.04, order=None).modes()
     np.testing.assert_allclose(frame.damping_ratios, 0.04 * frame.frequencies * 0.5 / (2 * np.pi))
-    assert jp.Building.from_period(5e5, 0.9).dashpot is None
+    assert jp.Building.from_period(5e5, 0.9, None).dashpot is None
 
 
 def test_random_stiffnesses_change_rayleigh_s_coefficients():

@@ -172,6 +172,7 @@ def test_paths_of_contact_and_limit_states_know_loads_and_damping():
         np.testing.assert_allclose(ours[-len(others) :], others, rtol=0, atol=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:.*energy balance")
 def test_loads_that_steps_do_not_resolve_are_told_of():
     with pytest.warns(jp.PlausibilityWarning, match="loads: .*step"):
         jp.simulate(block(), still, GRID, loads={0: jp.Ricker(1e-4, 0.05, 1.0)})
