@@ -87,8 +87,8 @@ nitpick_ignore_regex = [
     # What only the package's own code meets, and unions with names of their own.
     (
         "py:class",
-        r"jaxpound\._.*|jaxpound\.simulation\.(joints\.friction|time\.history)\..*|GroundLike|Structures"
-        r"|jaxpound\.units\.Timed|jaxpound\..*\._\w+",
+        r"jaxpound\._.*|jaxpound\.simulation\.(joints\.friction|time\.history)\..*"
+        r"|GroundLike|DemandSpec|Structures|jaxpound\.units\.Timed|jaxpound\..*\._\w+",
     ),
     ("py:class", r"jaxpound\.design\.design\.History"),
 ]

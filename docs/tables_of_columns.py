@@ -17,6 +17,8 @@ from jaxpound.results.elements import columns_of
 
 ONLY = {
     "": "",
+    "column": "only of a link at a column",
+    "capacity": "only of a link at a column with a capacity",
     "contact": "only with a contact law",
     "storey": "only of a storey between two floors",
     "yielding": "only of a rod that yields",
