@@ -64,6 +64,6 @@ def test_rules_have_ends_and_are_named_by_their_paths_and_traced_to_flags():
 def test_numbers_of_numpy_are_shown_as_pythons():
     building = jp.Building(np.float64(5e5), np.float32(2.5), np.int64(1), 0.25, np.float64(0.5))
     numbers = "mass=500000.0, stiffness=2.5, order=1.0, tau_f=0.25, tau_x=0.5"
-    assert repr(building) == f"Building({numbers}, hysteresis=None)"
+    assert repr(building) == f"Building({numbers}, hysteresis=None, dashpot=None)"
     assert repr(jp.LogNormal(np.float64(2), 0.5)) == "LogNormal(median=2.0, sigma=0.5)"
     assert "float64" not in repr(jp.Storeys((np.float64(1.0),), jp.Rod(jp.ZenerRod(1, 1, 1), 1.0)))

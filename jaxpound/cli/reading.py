@@ -71,7 +71,8 @@ class Section(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         stated = [key for key in self.stated() if any(key in form.keys for form in forms)]
         known = [len({*stated} & {*form.keys}) for form in forms]
         nearest = [form for form, n in zip(forms, known, strict=True) if n == max(known)]
-        form = next((x for x in nearest if {*x.needed} <= {*stated}), nearest[0])
+        whole = (x for x in nearest if {*x.needed} <= {*stated} <= {*x.keys})
+        form = next(whole, nearest[0])
         for key in stated:
             if key not in form.keys:
                 others = ", or ".join(str(x) for x in forms if x is form or key in x.keys)

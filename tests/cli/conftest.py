@@ -24,7 +24,7 @@ def without_elasticities(monkeypatch):
     def refuse(*_, **__):
         raise ValueError("elasticities: the demand is zero")
 
-    monkeypatch.setattr(jp, "elasticities", refuse)
+    monkeypatch.setattr(jp.design, "elasticities", refuse)
 
 
 @pytest.fixture(scope="module")
