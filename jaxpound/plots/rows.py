@@ -56,7 +56,8 @@ def row(
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
     floors of each building above the ground, m (each one's ``elevations``); by default all storeys
-    are as high. A new figure is high enough for the numbers to be read.
+    are as high, but for buildings with a link to a column. A new figure is high enough for the
+    numbers to be read.
 
     A ``ValueError`` if structures are no shear buildings, traced or a batch, or elevations are not
     one for each floor of each building, finite, from the lowest up.
@@ -69,6 +70,9 @@ def row(
     instance("structures", structures, Structures)
     if not is_known_and_single(system := structures.system()):
         raise InvalidInput("structures", "", "must be known and one row, not a batch")
+    at_columns = any(link.column for link in system.links)
+    if elevations is None and at_columns:
+        elevations = _elevations_of(structures)
     buildings = stacks(system.topology)
     heights = stack_heights(system.topology, elevations)
     building_of = {mass: b for b, building in enumerate(buildings) for mass, _ in building}
@@ -101,6 +105,8 @@ def row(
     storey_inches = _STOREY + _LINE * max(extra, default=0)
     if ax is None:
         inches, across = storey_inches * (top - min(feet)) / storey + 0.7, right + space[0][0]
+        closest = np.diff(np.unique(np.concatenate(heights))).min(initial=storey)
+        inches *= float(np.clip(0.45 * storey / closest, 1.0, 2.0)) if at_columns else 1.0
         width = min(2.0, 0.15 * across + 0.3) if across < 14 else 2.0 * across / 14
         ax = new_axes(None, width, inches / house.FIGURE_SIZE[1])
     slab = storey * _SLAB / storey_inches
@@ -122,6 +128,12 @@ def row(
         _link(ax, *link, places, slab, lines)
     _finish(ax, links, elevations is not None)
     return ax
+
+
+def _elevations_of(structures: Structures) -> list[Any] | None:
+    """The elevations of buildings that all have some; else None."""
+    by_building = [getattr(x, "elevations", None) for x in getattr(structures, "buildings", ())]
+    return None if any(x is None for x in by_building) else by_building
 
 
 def _has_wall(link: Link) -> bool:

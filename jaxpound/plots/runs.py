@@ -247,7 +247,7 @@ def energy(response: Response, ax: Axes | None = None) -> Axes:
     if any(link.has_damper for link in response.links):
         parts = {"friction": "damper"} | parts
     if any(mass.damping is not None for mass in response.masses):
-        parts |= {"damping": "limit"}
+        parts |= {"damping": "structure 1"}
     if touching(response):
         parts |= {"contact_lost": "pounding", "contact_stored": "stick"}
     ax.stackplot(
