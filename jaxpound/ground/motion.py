@@ -369,6 +369,12 @@ class _Late(GroundMotion):
     delay: Any = parameter("", "time", "delay", single=True)
 
     @property
+    def duration(self) -> Any:
+        """Time after which it is over; None if that is unknown."""
+        own = getattr(self.ground, "duration", None)
+        return None if own is None else self.delay + own
+
+    @property
     def velocity(self) -> Any:  # type: ignore[override]
         """u'(t), from rest; None if it is unknown."""
         if (velocity := as_motion(self.ground).velocity) is None:

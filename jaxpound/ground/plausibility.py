@@ -20,6 +20,7 @@ from jaxpound._checks import Range, is_traced
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion, records_in
 from jaxpound.ground.run_input import sampled
+from jaxpound.ground.sequences import sequences_in
 from jaxpound.quantities import STANDARD_GRAVITY
 
 LARGE_PGA = 5.0  # peak ground acceleration, g: the largest recorded are about 4
@@ -122,6 +123,10 @@ def unseen(ground: GroundLike, grid: TimeGrid, *, strict: bool = False) -> list[
 
 
 def _late(ground: GroundLike, grid: TimeGrid) -> list[str]:
+    starts = [float(start) for x in sequences_in(ground) for start in x.starts]
+    if (last := max(starts, default=0.0)) >= grid.duration:
+        begins = f"a shock of the sequence begins at {last:.4g}, after the end of the run"
+        return [f"ground: {begins}: a longer time grid holds it"]
     whole, later = (as_motion(ground).energy(t) for t in (-np.inf, grid.duration))
     if not (whole and later and later > LATE * whole):
         return []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from jaxpound._checks import as_tuple
+from jaxpound._checks import Rule, as_tuple, enforce, finite, number
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, parameter, pytree_dataclass
 from jaxpound.ground.motion import GroundLike, GroundMotion, Scaled, Sum, as_motion
@@ -43,6 +43,15 @@ def sequence(grounds: Sequence[GroundLike], rest: Any) -> ShockSequence:
     return ShockSequence(as_tuple("grounds", grounds), rest)
 
 
+def sequences_in(ground: GroundLike) -> list[ShockSequence]:
+    """The sequences of which a ground motion, maybe a sum or scaling, is made."""
+    if isinstance(ground, ShockSequence):
+        return [ground]
+    parts = ground.grounds if isinstance(ground, Sum) else ()
+    parts = (ground.ground,) if isinstance(ground, Scaled) else parts
+    return [x for part in parts for x in sequences_in(part)]
+
+
 @pytree_dataclass
 class ShockSequence(Sum):
     """Ground motions one after the other, by ``sequence``."""
@@ -52,9 +61,12 @@ class ShockSequence(Sum):
     def __post_init__(self) -> None:
         check(self)
         for i, ground in enumerate(self.grounds[:-1]):
-            if getattr(ground, "duration", None) is None:
+            if (duration := getattr(ground, "duration", None)) is None:
                 rule = "must have a duration, as records and wavelets do, or be the last"
                 raise InvalidInput(f"grounds[{i}]", repr(ground), rule)
+            end = number(f"grounds[{i}].duration", duration)
+            rule = "one number, finite and not negative"
+            enforce([Rule(f"grounds[{i}].duration", end, (end >= 0) & finite(end), rule)])
         super().__post_init__()
 
     @property

@@ -8,6 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxpound._checks import Range, require_one_of
+from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger
 from jaxpound._fields import Batch, parameter, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import KelvinVoigt
@@ -43,7 +44,7 @@ class Column(Batch):
         Shear force > 0 that the columns can take, N, for demand over capacity. None by default.
     position, height
         ξ, in (0, 1), from the floor below, and l > 0, m. Of links between ``ShearBuilding`` they
-        follow from the elevations, by default; in a ``Row`` they must be stated, all in its units.
+        follow from the elevations; in a ``Row`` they must be stated, all in its units.
     side
         Whose columns they are: those of the building on the "left" or "right" of the link. By
         default those of the higher floor that the link names; in a ``Row`` on the right.
@@ -77,15 +78,20 @@ class Column(Batch):
     @property
     def weight(self) -> Any:
         """w, the share of the force that the floor above takes."""
-        x = self.position
+        x = self._place()
         return x**2 * (3 - 2 * x) if self.ends == "fixed" else x
 
     @property
     def stiffness(self) -> Any:
         """The force at the point of impact over its deflection between floors at rest."""
-        x = self.position
+        x = self._place()
         arms = (x * (1 - x)) ** (3 if self.ends == "fixed" else 2)
         return 3 * self.rigidity / (self.height**3 * arms)
+
+    def _place(self) -> Any:
+        if self.position is None or self.height is None:
+            raise InvalidInput("position", "None", "must be known, and height: Buildings know them")
+        return self.position
 
     def behind(self, law: Any) -> Any:
         """Kelvin and Voigt's law of contact with the column in series; None without a law."""

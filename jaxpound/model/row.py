@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from jaxpound._checks import as_tuple, instance, is_whole, require_one_of
+from jaxpound._checks import as_tuple, instance, is_traced, is_whole, require_one_of
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import check, like, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import Building
@@ -131,6 +131,7 @@ class FloorLink:
         """An ``InvalidInput`` for what a link at a column may not have."""
         require_face("", self, "must be left out at a column, which has a gap and contact only")
         is_single = self.side == "right" and not isinstance(self.gap, tuple)
+        is_single &= self.other_floor != GROUND
         if not is_single or self.other_building != self.building + 1:
             rule = "must be of one gap between neighbours, without side and next_building"
             raise InvalidInput(f"link {self}, at a column,", "", rule)
@@ -326,13 +327,17 @@ def meeting_floors(
         if all(isinstance(building, ShearBuilding) for building in pair):
             ups = [building.elevations for building in pair]
             for side, floors in enumerate(_without_partner(ups, common)):
+                storeys = np.searchsorted(ups[1 - side], ups[side][floors]).tolist()
+                left_alone = [*floors]
                 if (column := columns[i + 1 - side]) is not None:
-                    storeys = np.searchsorted(ups[1 - side], ups[side][floors]).tolist()
                     hit = replace(column, side="left" if side else "right")
-                    ends = (floors, storeys)[:: -1 if side else 1]
-                    links += [(i, a, b, hit) for a, b in zip(*ends, strict=True)]
-                elif floors:
-                    listed = ", ".join(str(j + 1) for j in floors)
+                    for floor, storey in zip(floors, storeys, strict=True):
+                        if storey >= pair[1 - side].n_bearings:  # which have no columns
+                            left_alone.remove(floor)
+                            ends = (storey, floor) if side else (floor, storey)
+                            links.append((i, *ends, hit))
+                if left_alone:
+                    listed = ", ".join(str(j + 1) for j in left_alone)
                     alone.append(f"{listed} of building {i + side + 1} beside {i + 2 - side}")
             links.sort(key=lambda x: min(ups[0][x[1]], ups[1][x[2]]))
         if not links:
@@ -361,6 +366,10 @@ def _columns_of(buildings: Sequence[Any], columns: Any) -> list[Column | None]:
     listed = [*columns] if isinstance(columns, list | tuple) else [columns] * len(buildings)
     for x in listed:
         instance("columns", x, Column, NoneType)
+        for key in ("position", "height", "side") if x is not None else ():
+            if getattr(x, key) is not None:
+                rule = "must be left out: it follows from the elevations"
+                raise InvalidInput(f"columns: {key}", str(getattr(x, key)), rule)
     if len(listed) != len(buildings):
         rule = f"must be one for all or {len(buildings)}, one for each building"
         raise InvalidInput(f"columns, {len(listed)} of them,", "", rule)
@@ -506,12 +515,18 @@ def at_elevations(link: FloorLink, buildings: Sequence[Any], name: str) -> Floor
     on_right = side == "right"
     height = pair[on_right].heights[floors[on_right]]
     position = 1 - (ups[on_right] - ups[not on_right]) / height
-    if column.position is None and not 0 < position < 1:
+    hit = pair[on_right]
+    if not 0 < position < 1 or not hit.n_bearings <= floors[on_right] < hit.n_floors:
         rule = f"must be within the storey of the column, {height:g} m high below the higher floor"
+        rule += "; bearings and tuned masses have none"
         raise InvalidInput(f"{name}{link}, at {ups[0]:g} m and {ups[1]:g} m,", "", rule)
-    changes = {"position": position, "height": height, "side": side}
-    kept = {key: x for key, x in changes.items() if getattr(column, key) is None}
-    resolved = unchecked(Column, **{**vars(column), **kept})
+    changes = {"position": position, "height": height}
+    for key, x in changes.items():
+        stated = getattr(column, key)
+        if stated is not None and (is_traced(stated) or abs(stated - x) > _SLAB * x):
+            rule = f"must be left out, as it is {x:.4g} by the elevations"
+            raise InvalidInput(f"{name}column.{key}", str(stated), rule)
+    resolved = unchecked(Column, **{**vars(column), **changes, "side": side})
     return unchecked(FloorLink, **{**vars(link), "column": resolved})
 
 

@@ -13,7 +13,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike, as_motion
 from jaxpound.ground.record import Record
 from jaxpound.ground.run_input import require_time_unit
-from jaxpound.ground.sequences import ShockSequence
+from jaxpound.ground.sequences import sequences_in
 from jaxpound.model.system import Structures
 from jaxpound.simulation.scheme import Scheme, require_stable, stability_limit, stiffest_rod
 
@@ -40,19 +40,18 @@ def run_grid(
                 raise InvalidInput(name, repr(value), "must be None, since the grid has it")
         return grid
     records = [part for part in as_motion(ground).parts() if isinstance(part, Record)]
-    whole = ground.duration if isinstance(ground, ShockSequence) else None
+    ends = [x.duration for x in sequences_in(ground)]
     rule = "must be a TimeGrid"
     if not isinstance(structures, Buildings):
         raise InvalidInput("grid", "None", f"{rule}: it is chosen for Buildings only")
-    if is_traced((structures, whole, [record.dt for record in records] or ground)):
-        reason = "it follows from buildings, a record's dt and wavelets, of which some are traced; "
+    if is_traced((structures, ends, [record.dt for record in records] or ground)):
+        reason = "it follows from buildings, a record's dt, wavelets and rests, of which some are "
+        reason += "traced; "
         reason += "TimeGrid.until(duration, dt) makes one"
         raise InvalidInput("grid", "None", f"{rule}: {reason}")
     require_time_unit("ground", ground, si=True)
-    if duration is None and isinstance(ground, ShockSequence) and whole is None:
-        rule = "must be stated in s, since that of the last ground motion is unknown"
-        raise InvalidInput("duration", "None", rule)
-    duration = whole if duration is None else duration
+    if duration is None and ends:
+        duration = _end_of(ends, records)
     if not records and duration is None:
         rule = "must be stated in s, since the ground motion has no record"
         raise InvalidInput("duration", "None", rule)
@@ -62,6 +61,14 @@ def run_grid(
             break
         grid = grid.halved
     return grid
+
+
+def _end_of(ends: Sequence[Any], records: Sequence[Record]) -> float:
+    """When sequences with these ends and records are over."""
+    if any(end is None for end in ends):
+        rule = "must be stated in s, since that of the last ground motion is unknown"
+        raise InvalidInput("duration", "None", rule)
+    return max(map(float, [*ends, *(record.duration for record in records)]))
 
 
 def record_grid(

@@ -112,7 +112,14 @@ def test_units_of_time_energy_and_what_a_grid_does_not_see():
     assert both.energy(3.0) == pytest.approx(energies[1])
     assert sequence([RECORD, np.sin], 1.0).energy(-1) is None
     (late,) = unseen(sequence([0.1 * RECORD, FINE], 3.0), jp.TimeGrid(0.1, 30))
-    assert "comes after the end of the run" in late
+    assert "begins at 4.5, after the end of the run" in late
+    weak = sequence([RECORD, 0.01 * FINE], 3.0)  # of hardly any energy
+    assert unseen(weak + 0.1 * RECORD, jp.TimeGrid(0.1, 30))
+    words = r"grounds\[0\].duration = .* must be one number, finite"
+    for wrong in (-1.0, np.inf):
+        timed = Sine()
+        timed.duration = wrong
+        refused(words, sequence, [timed, RECORD], 1)
     coarse = jp.TimeGrid(0.8, 20)
     assert len(unseen(both, coarse)) == len(unseen(RECORD + FINE, coarse)) == 2
     np.testing.assert_allclose(jp.pga(both, jp.TimeGrid(0.05, 200)), 3.0)

@@ -14,7 +14,7 @@ import jaxpound as jp
 from jaxpound import FloorLink
 from jaxpound.model import Column, parameters
 from jaxpound.model.places import link_places
-from tests.refusals import refusals
+from tests.refusals import refusals, refused
 
 LAW = jp.KelvinVoigt(4e9, 0.65)
 LOW, HIGH = (
@@ -97,9 +97,12 @@ def test_a_link_by_hand_is_that_of_the_elevations_and_of_any_unit():
     link = jp.floor_links((LOW, HIGH), gap=0.03, contact=LAW, columns=COLUMN)[2]
     systems = [jp.Buildings((LOW, HIGH), (x,)).system() for x in (by_hand, link)]
     np.testing.assert_array_equal(*map(jax.tree.leaves, systems))
-    stated = dataclasses.replace(COLUMN, position=0.25, height=3.4, side="right")
-    kept = jp.Buildings((LOW, HIGH), (FloorLink(0, 1, 1, column=stated),)).system().links[0].column
-    assert (kept.height, kept.position) == (3.4, 0.25)
+    stated = dataclasses.replace(COLUMN, position=0.25, side="right")
+    words = r"links.0: column.position = 0.25 must be left out, as it is 0.\d+ by the elevations"
+    refused(words, jp.Buildings, (LOW, HIGH), (FloorLink(0, 1, 1, column=stated),))
+    words = "columns: position = 0.25 must be left out: it follows from the elevations"
+    refused(words, jp.floor_links, (LOW, HIGH), gap=0.1, columns=stated)
+    refused("position = None must be known, and height", lambda: COLUMN.weight)
     pair = jp.Buildings((LOW, HIGH), (by_hand,))
     row, scales = pair.dimensionless()
     ours, other = row.system().links[0], pair.system().links[0]
@@ -155,3 +158,25 @@ test_what_cannot_be_is_refused = refusals(
     (lambda: jp.floor_links((LOW, HIGH), columns=[COLUMN]), "columns, 1 of them, must be one for"),
     (lambda: jp.floor_links((LOW, HIGH), columns=3.0), "columns = 3.0 must be .*Column"),
 )
+
+
+def test_bearings_and_the_ground_have_no_columns():
+    """Floors that meet bearings alone are told of, and links to them are refused."""
+    bases = [
+        jp.on_bearings(x, jp.LeadRubber(2.5, 0.05), 3e5, height=h)[0]
+        for x, h in ((LOW, 0.3), (HIGH, 0.6))
+    ]
+    with pytest.warns(jp.PlausibilityWarning, match="floors 1 of building 1 beside 2"):
+        links = jp.floor_links(bases, gap=0.03, columns=COLUMN)
+    assert all(min(link.floor, link.other_floor) > 0 or link.column.side for link in links)
+    assert all((link.floor, link.other_floor) != (0, 0) for link in links)
+    by_hand = (FloorLink(0, 0, 0, gap=0.03, column=COLUMN),)
+    refused("bearings and tuned masses have none", jp.Buildings, tuple(bases), by_hand)
+    refused(
+        "at a column, must be of one gap between neighbours",
+        FloorLink,
+        0,
+        1,
+        jp.GROUND,
+        column=COLUMN,
+    )

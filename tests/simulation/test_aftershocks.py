@@ -27,6 +27,12 @@ def both(factor=1.0, rest=REST):
     return jp.sequence([MAINSHOCK, factor * AFTERSHOCK], rest)
 
 
+@pytest.mark.parametrize("ground", [both() + 0.1 * MAINSHOCK, jp.ground.Scaled(both(), 0.5)])
+def test_a_chosen_grid_holds_a_sequence_in_a_sum_or_a_scaling(ground):
+    response = jp.simulate(yielding(), ground)
+    assert float(response.time[-1]) == pytest.approx(float(both().duration), abs=0.05)
+
+
 def test_an_elastoplastic_building_at_rest_again_is_a_new_building_that_leans():
     """At rest its force is 0, and so its slider is in the middle, as that of a new building."""
     pair = yielding()
