@@ -85,7 +85,7 @@ class ShearBuilding:
     storeys: tuple[Building, ...] = part(Building, each=True)
     heights: tuple[float, ...] = static(default=3.0)
     n_tuned: int = static(default=0, listed=bool)
-    damping: Rayleigh | None = part(Rayleigh, NoneType, default=None)
+    damping: Rayleigh | None = part(Rayleigh, NoneType, default=None, listed=bool)
     n_bearings: int = static(default=0, listed=bool)
 
     def __post_init__(self) -> None:

@@ -129,7 +129,7 @@ class Link:
     velocity_friction: VelocityFriction | None = part(VelocityFriction, NoneType, default=None)
     inerter: Inerter | None = part(Inerter, NoneType, default=None)
     weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
-    column: Column | None = part(Column, NoneType, default=None)
+    column: Column | None = part(Column, NoneType, default=None, listed=bool)
 
     def __post_init__(self) -> None:
         _set_ends(self)
