@@ -63,7 +63,7 @@ def test_a_store_knows_its_mainshock(tmp_path):
 
 def test_a_grid_that_ends_too_early_is_warned_of():
     grid = jp.TimeGrid.until(float(SUITE[0].duration) + REST, 0.02)
-    with pytest.warns(jp.PlausibilityWarning, match="comes after the end of the run"):
+    with pytest.warns(jp.PlausibilityWarning, match="begins at 19.98, after the end of the run"):
         jp.Analysis(PAIR, [SUITE[1].scaled_to_pga(1e-3)], grid, mainshock=MAINSHOCK, rest=REST)
 
 
