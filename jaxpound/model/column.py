@@ -78,17 +78,17 @@ class Column(Batch):
     @property
     def weight(self) -> Any:
         """w, the share of the force that the floor above takes."""
-        x = self._place()
+        x = self._known_position()
         return x**2 * (3 - 2 * x) if self.ends == "fixed" else x
 
     @property
     def stiffness(self) -> Any:
         """The force at the point of impact over its deflection between floors at rest."""
-        x = self._place()
+        x = self._known_position()
         arms = (x * (1 - x)) ** (3 if self.ends == "fixed" else 2)
         return 3 * self.rigidity / (self.height**3 * arms)
 
-    def _place(self) -> Any:
+    def _known_position(self) -> Any:
         if self.position is None or self.height is None:
             raise InvalidInput("position", "None", "must be known, and height: Buildings know them")
         return self.position

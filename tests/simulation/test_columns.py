@@ -4,7 +4,6 @@ The references have formulas of their own for shares, stiffness and dashpot of a
 """
 
 import dataclasses
-import itertools
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +16,7 @@ from jaxpound.model import Column
 from jaxpound.model.ends import weighted
 from tests.simulation.contact import rods_without_memory as exact
 from tests.simulation.pairs import SHAKING
-from tests.simulation.test_weights import INSTANTS, SMALL, STEPS, WAVES, at_instants, relative_way
+from tests.simulation.test_weights import STEPS, at_instants, reference, relative_way
 
 
 def row(ends="fixed", side="right", ground=False, law=None, **column):
@@ -64,19 +63,6 @@ def frame_of(row):
     return exact.Frame(system.masses, rods, (exact.Slider(0.0, ends),), faces)
 
 
-def reference(row, way):
-    """Displacements and their derivative along a way, and the kinds of events."""
-    runs = []
-    for change in (-SMALL, SMALL):
-        moved = jax.tree.map(lambda x, y, change=change: x + change * y, row, way)
-        run = exact.Run(frame_of(moved), WAVES, longest=0.02)
-        path, log = run.path(INSTANTS), [(-1.0, "start", 0), *run.log]
-        runs.append((path, [new[1] for old, new in itertools.pairwise(log) if new[0] > old[0]]))
-    (low, kinds), (high, others) = runs
-    assert kinds == others
-    return (low + high) / 2, (high - low) / (2 * SMALL), kinds
-
-
 CASES = [("fixed", "right", False), ("fixed", "left", False), ("pinned", "right", False)]
 CASES += [("pinned", "left", True)]
 
@@ -85,7 +71,7 @@ def errors_of(ends, side, ground, steps=STEPS):
     """Of displacements, and of their derivative along a way of all numbers, at each step."""
     structures = row(ends, side, ground)
     way = relative_way(structures, 1)
-    path, slope, kinds = reference(structures, way)
+    path, slope, kinds = reference(structures, way, frame_of, apart=0.0)
     assert kinds.count("touch") > 2
     system, system_way = jax.jvp(jp.Row.system, (jax.tree.map(jnp.asarray, structures),), (way,))
     errors = []

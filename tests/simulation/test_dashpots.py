@@ -29,14 +29,11 @@ def with_dashpots(system, seed, size=0.3):
     return dataclasses.replace(system, rods=(*system.rods, *rods))
 
 
-FRAME_OF = weights.frame_of
-
-
 def frame_of(system):
     """The reference's frame, with dashpots."""
     dashpots = [rod for rod in system.rods if isinstance(rod.material, jp.Dashpot)]
     rods = tuple(rod for rod in system.rods if rod not in dashpots)
-    frame = FRAME_OF(dataclasses.replace(system, rods=rods))
+    frame = weights.frame_of(dataclasses.replace(system, rods=rods))
     return frame._replace(
         dashpots=tuple(
             exact.Dashpot(rod.material.coefficient, weights.weighted(rod.ends, rod.weights))
@@ -62,13 +59,12 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_with_friction_and_contact_they_are_of_second_order(name, monkeypatch):
+def test_with_friction_and_contact_they_are_of_second_order(name):
     """In displacements, and their derivative along a way of all numbers (see ``test_weights``)."""
-    monkeypatch.setattr(weights, "frame_of", frame_of)
     make, seed, *rest = CASES[name]
     system = with_dashpots(make(seed, *rest), seed)
     way = weights.relative_way(system, seed)
-    path, slope, kinds = weights.reference(system, way)
+    path, slope, kinds = weights.reference(system, way, frame_of)
     errors = []
     for step in weights.STEPS:
         x, along_way = weights.at_instants(system, way, step)

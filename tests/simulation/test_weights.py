@@ -243,15 +243,18 @@ def frame_of(system):
 SMALL = 1e-4
 
 
-def reference(system, way):
-    """Displacements and their derivative, from event to event, and the kinds of events."""
+def reference(system, way, frame=frame_of, apart=1e-6):
+    """Displacements and their derivative, from event to event, and the kinds of events ``apart``.
+
+    ``frame`` makes the solver's frame of a system.
+    """
     runs = []
     for change in (-SMALL, SMALL):
         moved = jax.tree.map(lambda x, y, change=change: x + change * y, system, way)
-        run = exact.Run(frame_of(moved), WAVES, longest=0.02)
+        run = exact.Run(frame(moved), WAVES, longest=0.02)
         path, log = run.path(INSTANTS), [(-1.0, "start", 0), *run.log]
         # What ends rebounds at an instant, a touch or a turn, is decided by rounding.
-        kinds = [new[1] for old, new in itertools.pairwise(log) if new[0] > old[0] + 1e-6]
+        kinds = [new[1] for old, new in itertools.pairwise(log) if new[0] > old[0] + apart]
         runs.append((path, kinds))
     (low, kinds), (high, others) = runs
     assert kinds == others
