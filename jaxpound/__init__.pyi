@@ -36,6 +36,7 @@ from .ground import read_record as read_record
 from .ground import read_suite as read_suite
 from .ground import sequence as sequence
 from .ground import spectral_acceleration as spectral_acceleration
+from .ground import travelling as travelling
 from .hazard import Analysis as Analysis
 from .hazard import HazardCurve as HazardCurve
 from .hazard import cloud_analysis as cloud_analysis
@@ -74,6 +75,7 @@ from .model import floor_links as floor_links
 from .model import modes as modes
 from .model import on_bearings as on_bearings
 from .model import pushover as pushover
+from .model import support as support
 from .model import tuned_inerter_damper as tuned_inerter_damper
 from .model import tuned_mass_damper as tuned_mass_damper
 from .quantities import STANDARD_GRAVITY as STANDARD_GRAVITY

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from jaxpound._checks import enforce, is_traced, is_whole
 from jaxpound._errors import InvalidInput, warn
-from jaxpound._fields import check, parameter, part, pytree_dataclass, ranges, unchecked
+from jaxpound._fields import check, parameter, part, pytree_dataclass, ranges, static, unchecked
 from jaxpound.model.building import Building
 from jaxpound.model.plausibility import FRICTION, GAP, doubts
 from jaxpound.model.row import (
@@ -19,6 +19,7 @@ from jaxpound.model.row import (
     Row,
     at_elevations,
     by_face,
+    known_supports,
     require_floors,
     require_heights,
 )
@@ -54,6 +55,11 @@ class Buildings:
         after Hertz). ``floor_links`` makes them for every common floor.
     gravity
         g > 0, m/s²: the unit of records.
+    supports
+        The number of the support that each building stands on, from 0, where these move apart
+        under ``ground=(u0, u1, …)`` or ``travelling``: decks and piers of a bridge. Displacements
+        are relative to support 0, on which all stand by default. Links lead to supports by
+        ``next_building=jp.support(k)``.
 
     Warns
     -----
@@ -77,6 +83,7 @@ class Buildings:
     buildings: tuple[Building | ShearBuilding, ...] = part(ShearBuilding, Building, each=True)
     links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
     gravity: Any = parameter("g", "acceleration", above=0, single=True, default=STANDARD_GRAVITY)
+    supports: tuple[int, ...] = static(default=(), listed=bool)
     units: ClassVar = SI
 
     def __post_init__(self) -> None:
@@ -94,6 +101,7 @@ class Buildings:
         object.__setattr__(self, "buildings", as_tuple("buildings", self.buildings))
         object.__setattr__(self, "links", by_face(as_tuple("links", self.links)))
         check(self)
+        object.__setattr__(self, "supports", known_supports(self.supports, len(self.buildings)))
         for k, link in enumerate(self.links):
             gaps = [GAP.of(f"links.{k}.gap", link.gap)] if is_closable(link.gap) else []
             friction = FRICTION.of(f"links.{k}.friction", link.friction)
@@ -131,8 +139,11 @@ class Buildings:
         if not (is_whole(building) and 0 <= building < n):
             rule = f"must be the number of one of the {n} buildings, from 0"
             raise InvalidInput("building", repr(building), rule)
-        own = (building, GROUND)
-        links = (x for x in self.links if x.building == building and x.other_building in own)
+        links = (
+            x
+            for x in self.links
+            if x.building == building and (x.other_building <= GROUND or x.other_building == building)
+        )
         devices = tuple(
             replace(
                 x,
@@ -173,7 +184,7 @@ class Buildings:
             links.append(replace(link, friction=friction, gap=gap, **laws))
         stiffness = storeys_of(self.buildings[0])[0].stiffness
         row = self.row_in(scales.mass, stiffness, scales.frequency, scales.length)
-        return Row(row.buildings, tuple(links)), scales
+        return Row(row.buildings, tuple(links), self.supports), scales
 
     def row_in(self, mass: Any, stiffness: Any, frequency: Any, length: Any = 1.0) -> Row:
         """The row in units of a mass, kg, stiffness, N/m, frequency, rad/s, and of rods' length, m.
@@ -181,7 +192,7 @@ class Buildings:
         Links are in SI.
         """
         buildings = tuple(in_units(x, mass, stiffness, frequency, length) for x in self.buildings)
-        return unchecked(Row, buildings=buildings, links=self._links)
+        return unchecked(Row, buildings=buildings, links=self._links, supports=self.supports)
 
     @property
     def _links(self) -> tuple[FloorLink, ...]:

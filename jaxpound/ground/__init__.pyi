@@ -6,6 +6,7 @@ from .motion import Ground as Ground
 from .motion import GroundMotion as GroundMotion
 from .motion import Scaled as Scaled
 from .motion import Sum as Sum
+from .motion import SupportMotions as SupportMotions
 from .noise import CloughPenzien as CloughPenzien
 from .noise import GammaEnvelope as GammaEnvelope
 from .noise import KanaiTajimi as KanaiTajimi
@@ -15,6 +16,7 @@ from .record import Record as Record
 from .sequences import sequence as sequence
 from .suite import RecordSuite as RecordSuite
 from .suite import read_suite as read_suite
+from .supports import travelling as travelling
 from .target import PeriodRange as PeriodRange
 from .target import ScaledSuite as ScaledSuite
 from .target import TargetSpectrum as TargetSpectrum

@@ -80,7 +80,8 @@ class Ground(Protocol):
         """Ground acceleration u''(t), of the shape of ``t``."""
 
 
-GroundLike = Ground | Callable[[Any], Any]
+GroundLike = Ground | Callable[[Any], Any] | tuple[Any, ...]
+"""A ground motion: an object, a function of t, or a tuple with the motion of each support."""
 
 
 class Excitation(NamedTuple):
@@ -245,7 +246,13 @@ class _UserMotion(GroundMotion):
 
 def as_motion(ground: GroundLike) -> GroundMotion:
     """A ground motion as a ``GroundMotion``; a user-defined one is wrapped."""
+    ground = by_supports(ground)
     return ground if isinstance(ground, GroundMotion) else _UserMotion(ground)
+
+
+def by_supports(ground: GroundLike) -> Any:
+    """The ground motion; ``SupportMotions`` in the place of a tuple."""
+    return SupportMotions(ground) if isinstance(ground, tuple) else ground
 
 
 class _Combination(GroundMotion):
@@ -329,6 +336,20 @@ class Sum(_Combination):
 
     def _of_terms(self, convert: Callable[[GroundMotion], GroundMotion]) -> Sum:
         return Sum(tuple(convert(ground) for ground in self._terms()))
+
+
+@pytree_dataclass
+class SupportMotions(Sum):
+    """The motion of each support, by number: ``ground=(u0, u1, …)``, or by ``travelling``.
+
+    Its own acceleration is that of support 0, relative to which displacements are.
+    """
+
+    def _combined(self, values: Sequence[Any]) -> Any:
+        return values[0]
+
+    def _of_terms(self, convert: Callable[[GroundMotion], GroundMotion]) -> SupportMotions:
+        return SupportMotions(tuple(convert(ground) for ground in self._terms()))
 
 
 @pytree_dataclass
@@ -428,6 +449,7 @@ def require_seconds(name: str, record: Any) -> None:
 
 def require_ground(name: str, value: Any) -> None:
     """An ``InvalidInput`` for a value that is neither a ground motion nor a function of t."""
+    value = by_supports(value)
     if not (callable(value) or isinstance(value, Ground)):
         rule = f"must have acceleration(t) or be a function of t{instead(value, 'Record')}"
         raise InvalidInput(name, repr(value), rule)

@@ -14,6 +14,7 @@ from jaxpound._fields import parameter, pytree_dataclass
 from jaxpound.grid import TimeGrid
 from jaxpound.ground import motion
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, Ground, GroundLike, GroundMotion
+from jaxpound.ground.supports import at_support, n_supports
 
 
 @pytree_dataclass
@@ -40,9 +41,11 @@ def instants(grid: TimeGrid, tree: Any) -> Float[Array, " n_steps+1"]:
     return jnp.asarray(np.arange(grid.n_steps + 1, dtype=dtype) * np.asarray(grid.dt, dtype))
 
 
-def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
+def sampled(ground: GroundLike, grid: TimeGrid) -> GroundMotion:
     """The ground motion at the instants of a time grid; each value must be a finite real number."""
     motion.require_ground("ground", ground)
+    if n := n_supports(ground):
+        return motion.SupportMotions(tuple(sampled(at_support(ground, k), grid) for k in range(n)))
     return Sampled(motion.as_motion(ground).samples_at(grid.times()), grid.dt)
 
 
@@ -61,6 +64,7 @@ def require_time_unit(name: str, ground: Any, *, si: bool = False) -> None:
 
 def as_run(ground: GroundLike, grid: TimeGrid, gravity: Any = None) -> Ground:
     """A ground motion as a run takes it: a pytree, in m/s² with a ``gravity``, in g without."""
+    ground = motion.by_supports(ground)
     require_time_unit("ground", ground, si=gravity is not None)
     return as_pytree(ground if gravity is None else motion.as_motion(ground).in_si(gravity), grid)
 
@@ -77,4 +81,6 @@ def as_pytree(ground: GroundLike, grid: TimeGrid) -> Ground:
     leaves = jax.tree.leaves(ground)
     if isinstance(ground, Ground) and all(hasattr(x, "dtype") or np.isscalar(x) for x in leaves):
         return ground
+    if n := n_supports(ground):
+        return motion.SupportMotions(tuple(as_pytree(at_support(ground, k), grid) for k in range(n)))
     return sampled(ground, grid)

@@ -36,6 +36,7 @@ from .system import Link as Link
 from .system import Rod as Rod
 from .system import System as System
 from .topology import GROUND as GROUND
+from .topology import support as support
 from .tuned import tuned_inerter_damper as tuned_inerter_damper
 from .tuned import tuned_mass_damper as tuned_mass_damper
 from .vibration import Modes as Modes

@@ -31,7 +31,19 @@ def weighted(element: Element) -> WeightedEnds:
     ends: Any = element.ends
     if isinstance(ends, WeightedMasses):
         return tuple(zip(ends.masses, element.weights, strict=True))
-    return tuple((mass, sign) for mass, sign in zip(ends, (1, -1), strict=True) if mass != GROUND)
+    return tuple((mass, sign) for mass, sign in zip(ends, (1, -1), strict=True) if mass > GROUND)
+
+
+def moving_ends(element: Element) -> WeightedEnds:
+    """``weighted`` ends, before them a support that may move relative to the ground.
+
+    Support k is the entry −k of displacements, behind those of the masses.
+    """
+    ends: Any = element.ends
+    if isinstance(ends, WeightedMasses) or min(ends) >= GROUND:
+        return weighted(element)
+    sign = 1 if ends[0] < GROUND else -1
+    return (min(ends) - GROUND, sign), *weighted(element)
 
 
 def link_ends(links: Sequence[Element]) -> tuple[WeightedEnds, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from jaxpound.model.ends import WeightedEnds, weighted
+from jaxpound.model.ends import WeightedEnds, moving_ends, weighted
 from jaxpound.model.topology import faces
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ class Joint(NamedTuple):
     """Masses that slide along each other, and the links that are their joint."""
 
     ends: WeightedEnds
+    path: WeightedEnds  # ``moving_ends``, along which it closes
     faces: tuple[Face, ...]
 
     @property
@@ -38,8 +39,12 @@ class Joint(NamedTuple):
 def joints(system: System) -> tuple[Joint, ...]:
     """The joints of a system, in the order of their links."""
     opposite = {first: other for other, first in faces(system.topology).items()}
+
+    def other_face(link: int) -> list[Face]:
+        return [Face(opposite[link], -1)] if link in opposite else []
+
     return tuple(
-        Joint(weighted(link), (Face(k, 1), *([Face(opposite[k], -1)] if k in opposite else [])))
+        Joint(weighted(link), moving_ends(link), (Face(k, 1), *other_face(k)))
         for k, link in enumerate(system.links)
         if k not in opposite.values()
     )

@@ -31,7 +31,7 @@ def rod_places(topology: Topology) -> tuple[str, ...]:
             places.append(_part("storey", home, storeys[rod]))
         elif home and not isinstance(ends, WeightedMasses):
             low, high = sorted(ends)
-            places.append(f"rod {link_place(home[high], home.get(low))}")
+            places.append(f"rod {link_place(home[high], home.get(low, low))}")
         else:
             places.append(f"rod {rod + 1}")
     return tuple(places)
@@ -74,8 +74,9 @@ def link_places(topology: Topology) -> tuple[str, ...]:
             places.append(f"{words} (link {len(places) + 1})")  # several may join the same
             continue
         low, high = sorted(ends)
-        words = f"mass {high + 1}–ground" if low == GROUND else f"masses {low + 1}–{high + 1}"
-        places.append(link_place(home[high], home.get(low)) if home else words)
+        words = f"mass {high + 1}–{support_place(low)}"
+        words = words if low <= GROUND else f"masses {low + 1}–{high + 1}"
+        places.append(link_place(home[high], home.get(low, low)) if home else words)
     for pair in faces(topology).items():
         for k in pair:
             places[k] += ", right" if _is_right(topology.links[k]) else ", left"
@@ -87,22 +88,27 @@ def _is_right(ends: AnyEnds) -> bool:
     if isinstance(ends, WeightedMasses):
         return ends.side > 0
     i, j = ends
-    return j == GROUND or GROUND < i < j
+    return j <= GROUND or GROUND < i < j
 
 
-def link_place(end: Ends, other: Ends | None) -> str:
-    """A link's ends by building and floor, from 1; None is the ground.
+def support_place(end: int) -> str:
+    """The ground or, from 1, another support."""
+    return "ground" if end == GROUND else f"support {GROUND - end + 1}"
+
+
+def link_place(end: Ends, other: Ends | int) -> str:
+    """A link's ends by building and floor, from 1, of which one may be the ground or a support.
 
     Examples
     --------
-    >>> from jaxpound.model.places import link_place
+    >>> from jaxpound.model.places import GROUND, link_place
     >>> link_place((1, 2), (2, 2)), link_place((1, 2), (2, 3))
     ('1–2, floor 2', '1–2, floors 2–3')
-    >>> link_place((1, 2), (1, 1)), link_place((1, 2), None)
+    >>> link_place((1, 2), (1, 1)), link_place((1, 2), GROUND)
     ('in 1, floors 1–2', '1–ground, floor 2')
     """
-    if other is None:
-        return f"{end[0]}–ground, {_floor(end[1])}"
+    if isinstance(other, int):
+        return f"{end[0]}–{support_place(other)}, {_floor(end[1])}"
     (building, floor), (next_building, next_floor) = sorted((end, other))
     between = f"in {building}" if building == next_building else f"{building}–{next_building}"
     if TUNED in (floor, next_floor):

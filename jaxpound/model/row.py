@@ -41,6 +41,7 @@ from jaxpound.model.topology import (
     faces,
     masses_of,
     ring,
+    support,
 )
 from jaxpound.model.vibration import first_frequency
 from jaxpound.quantities import DIMENSIONLESS
@@ -70,7 +71,8 @@ class FloorLink:
         A tuple (left, right) of gaps, and of laws, makes a link of two faces.
     next_building
         The building at the other end: by default the next one to the right; ``building`` itself
-        for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground.
+        for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground,
+        or ``jp.support(k)`` for one to a support that moves apart, such as an abutment.
     side
         "left" of the left face of a link, where the gap closes as ``building`` moves to the left of
         the other end; a ``Row`` makes it of a link of two faces. "right" by default.
@@ -110,19 +112,20 @@ class FloorLink:
     def __post_init__(self) -> None:
         require_one_of(self.side, ("right", "left"), "side")
         for name in ("building", "floor", "next_floor", "next_building"):
-            number, least = getattr(self, name), GROUND if name.startswith("next") else 0
-            if number is None and least == GROUND:
+            number, is_next = getattr(self, name), name.startswith("next")
+            if number is None and is_next:
                 continue
-            if not (is_whole(number) and number >= least):
-                rule = "must be a whole number from 0 on" + (", or GROUND" if least else "")
+            if not (is_whole(number) and (number >= 0 or is_next)):
+                rule = "must be a whole number from 0 on" + ", or GROUND" * is_next
                 raise InvalidInput(name, repr(number), rule)
             object.__setattr__(self, name, int(number))
-        if GROUND in (self.next_floor, self.next_building):
-            above = self.next_floor not in (None, GROUND)
-            if above or self.next_building not in (None, self.building, GROUND):
-                name = "next_floor" if above else "next_building"
-                rule = "must be left out: the other end is the ground"
-                raise InvalidInput(name, str(getattr(self, name)), rule)
+        own = {"next_floor": None, "next_building": self.building}
+        ends = {name: getattr(self, name) for name in own}
+        stated = {name: end for name, end in ends.items() if end not in (None, own[name])}
+        if stated and min(stated.values()) <= GROUND and len({*stated.values()}) > 1:
+            name = max(stated, key=stated.__getitem__)
+            rule = "must be left out: the other end is the ground"
+            raise InvalidInput(name, str(stated[name]), rule)
         check_link(self, f"link {self}")
         if self.column is not None:
             self._require_only_contact()
@@ -131,7 +134,7 @@ class FloorLink:
         """An ``InvalidInput`` for what a link at a column may not have."""
         require_face("", self, "must be left out at a column, which has a gap and contact only")
         is_single = self.side == "right" and not isinstance(self.gap, tuple)
-        is_single &= self.other_floor != GROUND
+        is_single &= self.other_floor > GROUND
         if not is_single or self.other_building != self.building + 1:
             rule = "must be of one gap between neighbours, without side and next_building"
             raise InvalidInput(f"link {self}, at a column,", "", rule)
@@ -147,14 +150,14 @@ class FloorLink:
 
     @property
     def other_building(self) -> int:
-        """The building at the other end, or ``GROUND``."""
+        """The building at the other end, ``GROUND`` or another support."""
         return self.building + 1 if self.next_building is None else self.next_building
 
     @property
     def other_floor(self) -> int:
-        """The floor at the other end, or ``GROUND``."""
-        if self.other_building == GROUND:
-            return GROUND
+        """The floor at the other end, ``GROUND`` or another support."""
+        if self.other_building <= GROUND:
+            return self.other_building
         if self.next_floor is not None:
             return self.next_floor
         return self.floor - (self.other_building == self.building)
@@ -165,7 +168,7 @@ class FloorLink:
         end = (self.building + 1, self.floor + 1)
         if (column := self.column) is not None and column.side is not None:
             return column_place(*((end, other) if column.side == "right" else (other, end)))
-        words = link_place(end, None if self.other_floor == GROUND else other)
+        words = link_place(end, self.other_floor if self.other_floor <= GROUND else other)
         return words + ", column" * (column is not None)
 
 
@@ -184,6 +187,9 @@ class Row:
     links
         Links between floors (``floor_links`` makes them for every common floor). They may not close
         a ring (see ``System``).
+    supports
+        The number of the support that each building stands on (``support``), where these move
+        apart; by default all stand on 0.
 
     Examples
     --------
@@ -199,11 +205,13 @@ class Row:
 
     buildings: tuple[Storeys, ...] = part(Storeys, each=True)
     links: tuple[FloorLink, ...] = part(FloorLink, each=True, default=())
+    supports: tuple[int, ...] = static(default=(), listed=bool)
     units: ClassVar = DIMENSIONLESS
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "links", by_face(as_tuple("links", self.links)))
         check(self)
+        object.__setattr__(self, "supports", known_supports(self.supports, len(self.buildings)))
         floors = [len(building.masses) for building in self.buildings]
         require_floors(floors, self.links, LinkLabels())
         if any(link.column for link in self.links):
@@ -219,17 +227,40 @@ class Row:
         starts = _first_floors([len(building.masses) for building in self.buildings])
         masses, rods, links, tuned = list[Any](), list[Rod](), list[Link](), list[int]()
         damping = list[Rod]()
-        for building, first in zip(self.buildings, starts, strict=False):
+        for number, (building, first) in enumerate(zip(self.buildings, starts, strict=False)):
             masses += building.masses
-            damping += building.damping_from(first)
+            stands_on = support(self.supports[number]) if self.supports else GROUND
+            damping += standing(building.damping_from(first), stands_on)
             tuned += range(first + building.n_floors, len(masses))
-            rods += building.rods_from(first)
+            rods += standing(building.rods_from(first), stands_on)
         for x in self.links:
             between = {name: getattr(x, name) for name in BETWEEN}
             links.append(unchecked(Link, ends=_ends(x, starts), **(between | _at_column(x))))
         kept, dampers = without_dampers(links)
         parts = {"rods": (*rods, *dampers), "links": kept, "damping": tuple(damping)}
         return unchecked(System, masses=tuple(masses), tuned=tuple(tuned), **parts)
+
+
+def known_supports(supports: Any, n: int) -> tuple[int, ...]:
+    """The support under each of n buildings, () where it is 0; an ``InvalidInput`` for others."""
+    supports = as_tuple("supports", supports)
+    if len(supports) not in (0, n) or not all(is_whole(x) and x >= 0 for x in supports):
+        rule = f"must be a whole number from 0 on for each of the {n} buildings"
+        raise InvalidInput("supports", repr(supports), rule)
+    return tuple(map(int, supports)) if any(supports) else ()
+
+
+def standing(rods: Sequence[Rod], stands_on: int) -> list[Rod]:
+    """Rods of which those on the ground stand on a support."""
+    if stands_on == GROUND:
+        return [*rods]
+    kept = list[Rod]()
+    for rod in rods:
+        ends: Any = rod.ends
+        if not isinstance(ends, WeightedMasses):
+            ends = tuple(stands_on if end == GROUND else end for end in ends)
+        kept.append(unchecked(Rod, **(vars(rod) | {"ends": ends})))
+    return kept
 
 
 def by_face(links: Sequence[Any]) -> tuple[Any, ...]:
@@ -435,7 +466,7 @@ def require_floors(floors: Sequence[int], links: Sequence[FloorLink], labels: Li
     for k, link in enumerate(links):
         ends = ((link.building, link.floor, ""), (link.other_building, link.other_floor, "next_"))
         for building, floor, prefix in ends:
-            if GROUND in (building, floor):
+            if min(building, floor) <= GROUND:
                 continue
             if building >= (n := len(floors)):
                 rule = f"must be from {first} to {n - 1 + first}: there are {n} buildings"
@@ -447,7 +478,7 @@ def require_floors(floors: Sequence[int], links: Sequence[FloorLink], labels: Li
         left, right = link.building, link.other_building
         if (left, link.floor) == (right, link.other_floor):
             raise labels.invalid(k, str(link), "", "must be two different floors")
-        if right not in (left, left + 1, GROUND):
+        if right > GROUND and right not in (left, left + 1):
             rule = f"must be {left + 1 + first} (to the right), {left + first} itself or the ground"
             raise labels.invalid(k, "next_building", right + first, rule)
     _require_forest(floors, links, labels)
@@ -479,7 +510,7 @@ def _first_floors(floors: Sequence[int]) -> list[int]:
 def _ends(link: FloorLink, starts: Sequence[int]) -> AnyEnds:
     """The ends of a link as masses of the system, where the lowest floors are ``starts``."""
     floor = link.other_floor
-    other = GROUND if floor == GROUND else starts[link.other_building] + floor
+    other = floor if floor <= GROUND else starts[link.other_building] + floor
     end = starts[link.building] + link.floor
     if link.column is not None:
         hit, above = (other, end) if link.column.side == "left" else (end, other)
@@ -536,7 +567,7 @@ def require_heights(
     """An ``InvalidInput`` for a link without ``next_floor`` between floors of different heights."""
     for k, link in enumerate(links):
         at_any_height = link.next_floor is not None or link.column is not None
-        if at_any_height or link.other_building in (link.building, GROUND):
+        if at_any_height or link.other_building <= GROUND or link.other_building == link.building:
             continue
         left, right = buildings[link.building], buildings[link.other_building]
         if (link.floor, link.other_floor) not in common_floors(left, right):

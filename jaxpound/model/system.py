@@ -55,8 +55,9 @@ class Rod:
         Long-time stiffness K > 0, before the rod yields; in units of m1 ω1² for a dimensionless
         system. A ``Dashpot`` has none.
     ends
-        Two masses i and j by number, from 0, or ``GROUND``. The rod is stretched by x_i − x_j, and
-        by x_i if j is the ground; its force f pulls i back and j along. Rods of ``Storeys`` may
+        Two masses i and j by number, from 0, or ``GROUND``, or ``jp.support(k)`` that moves apart.
+        The rod is stretched by x_i − x_j, and by x_i if j is the ground, by x_i less what a support
+        moves relative to it; its force f pulls i back and j along. Rods of ``Storeys`` may
         leave them out, since they follow from the storey. Or any masses with their weights,
         ((mass, weight), …): the rod is stretched by Σ weight × x, and its force puts −weight × f on
         each mass. Weights are numbers that can be traced; they are then in ``weights``.
@@ -86,8 +87,8 @@ class Link:
     Parameters
     ----------
     ends
-        Mass i on the left and another, j, by number from 0; one may be ``GROUND``: a sliding
-        bearing. Its closing is s = x_i − x_j, and the current gap is ``gap`` − s. Or any masses
+        Mass i on the left and another, j, by number from 0; one may be ``GROUND``, as of a sliding
+        bearing, or ``jp.support(k)``. Its closing is s = x_i − x_j, and the current gap is ``gap`` − s. Or any masses
         with weights, as those of a ``Rod``: its closing is s = Σ weight × x.
     friction
         Slip force μ ≥ 0, in units of m1 g.
@@ -352,14 +353,14 @@ def _weighted_ends(value: Sequence[Any]) -> tuple[tuple[int, ...], tuple[Any, ..
 
 
 def _two_ends(value: Any) -> Ends:
-    """Two different ends, each the number of a mass or ``GROUND``."""
+    """Two different ends, each the number of a mass or, but not of both, a support."""
     try:
         i, j = tuple(value) if isinstance(value, Sequence | np.ndarray) else ()
-        valid = all(is_whole(end) and end >= GROUND for end in (i, j))
+        valid = is_whole(i) and is_whole(j) and max(i, j) > GROUND
     except (TypeError, ValueError):
         valid = False
     if not valid or i == j:
-        rule = "must be two different masses by number, from 0, of which one may be GROUND"
+        rule = "must be two different masses by number, from 0; one may be GROUND or a support"
         raise InvalidInput("ends", repr(value), f"{rule}, or ((mass, weight), …)")
     return int(i), int(j)
 
@@ -429,7 +430,7 @@ def _untied_dashpot(system: System) -> int | None:
             tying.append(rod.ends)
         else:
             group, _ = joined_ends(len(system.masses), tuple(tying))
-            if len({group[end] for end in rod.ends}) > 1:
+            if len({group[max(end, GROUND)] for end in rod.ends}) > 1:
                 return k
     return None
 

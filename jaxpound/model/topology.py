@@ -4,12 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
+from itertools import chain
 from typing import Any, NamedTuple
 
+from jaxpound._checks import is_whole
 from jaxpound._errors import InvalidInput
 
 GROUND = -1
-"""The ground, as an end of a rod or of a link."""
+"""The ground, as an end of a rod or of a link; that of the first support if there are several."""
+
+
+def support(number: int) -> int:
+    """A support, as an end of a rod or of a link, by its number from 0, which is ``GROUND``.
+
+    The ground motions of a run are then those of the supports, ``ground=(u0, u1, …)``, and
+    displacements are relative to support 0. Raises ``ValueError`` unless it is a whole number ≥ 0.
+
+    Examples
+    --------
+    A deck on two piers, of which the second stands on ground that moves .1 s later:
+
+    >>> pier = jp.ZenerRod(order=1.0, tau_f=0.01, tau_x=0.03)
+    >>> rods = [jp.Rod(pier, 0.5, (0, jp.GROUND)), jp.Rod(pier, 0.5, (0, jp.support(1)))]
+    >>> bridge = jp.System(masses=(1.0,), rods=rods)
+    >>> wave = jp.travelling(jp.paper.ground(), velocity=1.0, distances=(0.0, 0.1))
+    >>> response = jp.simulate(bridge, wave, jp.TimeGrid.until(20.0, dt=0.05))
+    >>> len(response.supports), round(float(abs(response.supports[0].x).max()), 3)
+    (1, 0.056)
+    """
+    if not (is_whole(number) and number >= 0):
+        raise InvalidInput("number", repr(number), "must be a whole number from 0 on")
+    return GROUND - int(number)
 
 
 Ends = tuple[int, int]
@@ -31,17 +56,17 @@ AnyEnds = Ends | WeightedMasses
 
 
 def masses_of(ends: AnyEnds) -> tuple[int, ...]:
-    """The masses at the ends of a rod or a link, without the ground."""
+    """The masses at the ends of a rod or a link, without the ground and other supports."""
     if isinstance(ends, WeightedMasses):
         return ends.masses
-    return tuple(end for end in ends if end != GROUND)
+    return tuple(end for end in ends if end > GROUND)
 
 
 def shifted(ends: AnyEnds | None, first: int) -> AnyEnds | None:
     """Ends of masses whose numbers are larger by ``first``."""
     if isinstance(ends, WeightedMasses):
         return ends._replace(masses=tuple(first + mass for mass in ends.masses))
-    return ends and tuple(end if end == GROUND else first + end for end in ends)  # type: ignore[return-value]
+    return ends and tuple(end if end <= GROUND else first + end for end in ends)  # type: ignore[return-value]
 
 
 def two_ends(ends: AnyEnds) -> Ends:
@@ -66,6 +91,12 @@ class Topology(NamedTuple):
     links: tuple[AnyEnds, ...]
     tuned: tuple[int, ...] = ()
     """Tuned masses, which stand on a building and are no floors."""
+
+    @property
+    def n_supports(self) -> int:
+        """How many supports rods and links name beside the ground, which is support 0."""
+        pairs = (x for x in (*self.rods, *self.links) if not isinstance(x, WeightedMasses))
+        return GROUND - min(chain((GROUND,), *pairs))
 
     @property
     def floor_masses(self) -> list[int]:
@@ -110,7 +141,7 @@ def faces(topology: Topology) -> dict[int, int]:
 
 
 def is_storey(ends: AnyEnds) -> bool:
-    """Whether a rod, or a link, is between masses."""
+    """Whether a rod, or a link, is not between a mass and the ground, by whose x it stretches."""
     return isinstance(ends, WeightedMasses) or GROUND not in ends
 
 
@@ -137,8 +168,9 @@ def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
     for rod in joined_ends(topology.n_masses, topology.rods)[1]:
         if not isinstance(ends := topology.rods[rod], WeightedMasses):
-            for end, other in (ends, ends[::-1]):
-                beside[end].append((other, rod))
+            low, high = max(min(ends), GROUND), max(ends)  # all supports are ground
+            beside[low].append((high, rod))
+            beside[high].append((low, rod))
     buildings = []
     for first in beside[GROUND]:
         building, below = [first], GROUND
@@ -157,7 +189,8 @@ def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
 def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
     """Groups of masses that are connected by rods: the buildings of a system."""
     members: dict[int, list[int]] = {}
-    member, _ = joined_ends(topology.n_masses, filter(is_storey, topology.rods))
+    between = (x for x in topology.rods if isinstance(x, WeightedMasses) or min(x) > GROUND)
+    member, _ = joined_ends(topology.n_masses, between)
     for mass, first in member.items():
         members.setdefault(first, []).append(mass)
     return [tuple(masses) for first, masses in members.items() if first != GROUND]
@@ -166,12 +199,14 @@ def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
 def joined_ends(n: int, edges: Iterable[AnyEnds]) -> tuple[dict[int, int], list[int]]:
     """The smallest member of the group of each mass, and of the ground, that edges make.
 
+    All supports are ground.
     And the edges, by number, that close no ring with those before them; with weights, those that
     join groups.
     """
     group, tree = {end: end for end in range(GROUND, n)}, list[int]()
     for k, ends in enumerate(edges):
-        joined = {group[end] for end in (ends.masses if isinstance(ends, WeightedMasses) else ends)}
+        joined = ends.masses if isinstance(ends, WeightedMasses) else ends
+        joined = {group[max(end, GROUND)] for end in joined}
         if len(joined) > 1:
             low = min(joined)
             group = {end: low if member in joined else member for end, member in group.items()}

@@ -49,7 +49,7 @@ def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
 _OBSERVERS: dict[str, Any] = {  # by kind the numbers at an instant, and how many there are
     # Displacement of each mass, and the closing of each link: its gap at rest less its gap.
     "length": (
-        lambda system, now: (*now.x, *(link.closing for link in now.links)),
+        lambda system, now: (*now.x[: len(system.masses)], *(x.closing for x in now.links)),
         lambda topology: topology.n_masses + len(topology.links),
     ),
     "acceleration": (_accelerations, lambda topology: topology.n_masses),

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.ends import Element, along, beside_axis, load_on, weighted
+from jaxpound.model.ends import Element, along, beside_axis, load_on, moving_ends, weighted
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.topology import AnyEnds, Topology
 from jaxpound.quantities import column, unit
@@ -33,7 +33,7 @@ class MassResponse:
     """Series of a mass, each of shape (n_steps+1,)."""
 
     x: Any = quantity("length", column="x{}", smooth=True)
-    """Displacement relative to the ground."""
+    """Displacement relative to the ground; where supports move apart, to support 0."""
     v: Any = quantity("velocity", column="v{}", smooth=True)
     """Velocity x'."""
     mass: Any = quantity("mass", column="mass_{}")
@@ -48,13 +48,24 @@ class MassResponse:
 
 
 @pytree_dataclass
+class SupportResponse:
+    """Series of a support, each of shape (n_steps+1,)."""
+
+    displacement: Any = quantity("length", column="support_displacement_{}", smooth=True)
+    """Its displacement relative to support 0, as those of the masses are."""
+    velocity: Any = quantity("velocity", column="support_velocity_{}", smooth=True)
+    """Its velocity relative to support 0."""
+
+
+@pytree_dataclass
 class RodResponse:
     """Series of a rod, each of shape (n_steps+1,)."""
 
     force: Any = quantity("force", column="f{}", smooth=True)
     """Force f of the rod: positive where it is stretched and pulls mass i back."""
     ends: AnyEnds = static()
-    """Masses i and j, or ``GROUND``; the rod is stretched by x_i − x_j. Or masses with weights."""
+    """Masses i and j, or ``GROUND`` or a support; the rod is stretched by x_i − x_j. Or masses with
+    weights."""
     dissipated: Any = quantity("energy", column="dissipated_{}", default=None)
     """Energy dissipated by yielding or a viscous damper until then; None for other rods."""
     weights: tuple[Any, ...] = ()
@@ -76,7 +87,8 @@ class LinkResponse:
     change_time: Any = quantity("time", column="change_time")
     """Where ``phase`` differs from the entry before: the instant of the change."""
     ends: AnyEnds = static()
-    """Masses i and j, or ``GROUND``; or masses with weights, whose Σ weight × x closes the gap."""
+    """Masses i and j, or ``GROUND`` or a support; or masses with weights, whose Σ weight × x closes
+    the gap."""
     contact: Any = quantity("force", column="contact", default=None)
     """Contact force p at the instants. None, as all below, for a link without a law of contact."""
     touching: Any = quantity(None, column="touching", default=None)
@@ -134,7 +146,12 @@ class Response(ByElement, Columnar, Shown):
     True
     """
 
-    _elements: ClassVar = {"masses": MassResponse, "rods": RodResponse, "links": LinkResponse}
+    _elements: ClassVar = {
+        "masses": MassResponse,
+        "rods": RodResponse,
+        "links": LinkResponse,
+        "supports": SupportResponse,
+    }
 
     time: Any = quantity("time")
     """Instants t of the grid."""
@@ -150,6 +167,8 @@ class Response(ByElement, Columnar, Shown):
     """Series of each link."""
     demand: Demand = part()
     """The scalars of the run."""
+    supports: tuple[SupportResponse, ...] = part(default=())
+    """Series of each support by its number; () where all structures stand on one ground."""
     method: str = static(default="")
     """The scheme in words."""
     si: bool = static(default=False)
@@ -175,11 +194,7 @@ class Response(ByElement, Columnar, Shown):
     @property
     def absolute_accelerations(self) -> tuple[Any, ...]:
         """Absolute acceleration x'' + ι u'' of each mass, in g (m/s² in SI): force over mass."""
-        forces = [rod.force for rod in self.rods]
-        for link in self.links:
-            more = (force for force in (link.contact, link.inertia) if force is not None)
-            forces.append(sum(more, link.friction))
-        return self.accelerations((*self.rods, *self.links), forces)
+        return self.accelerations(*self.forces_in_elements)
 
     def accelerations(self, elements: Sequence[Element], forces: Sequence[Any]) -> tuple[Any, ...]:
         """Acceleration of each mass by forces in elements, by damping and by its load."""
@@ -198,14 +213,29 @@ class Response(ByElement, Columnar, Shown):
     @property
     def closings(self) -> tuple[Any, ...]:
         """Closing s of each link: its gap is that at rest less s."""
-        x = [mass.x for mass in self.masses]
-        return tuple(along(beside_axis(weighted(link)), x) for link in self.links)
+        x = self.displacements
+        return tuple(along(beside_axis(moving_ends(link)), x) for link in self.links)
 
     @property
     def elongations(self) -> tuple[Any, ...]:
         """Elongation of each rod; ``rods[r].force`` over it are the rod's loops of hysteresis."""
-        x = [mass.x for mass in self.masses]
-        return tuple(along(beside_axis(weighted(rod)), x) for rod in self.rods)
+        x = self.displacements
+        return tuple(along(beside_axis(moving_ends(rod)), x) for rod in self.rods)
+
+    @property
+    def displacements(self) -> list[Any]:
+        """Displacements of the masses, and behind them of supports from the last to support 1."""
+        supports = self.supports[:0:-1]
+        return [*(mass.x for mass in self.masses), *(y.displacement for y in supports)]
+
+    @property
+    def forces_in_elements(self) -> tuple[tuple[Element, ...], list[Any]]:
+        """Rods and links, and the forces in them."""
+        forces = [rod.force for rod in self.rods]
+        for link in self.links:
+            more = (force for force in (link.contact, link.inertia) if force is not None)
+            forces.append(sum(more, link.friction))
+        return (*self.rods, *self.links), forces
 
     @property
     def energy(self) -> Energy:
@@ -291,6 +321,7 @@ class Response(ByElement, Columnar, Shown):
             **{name.replace("phase", "slip_direction"): (None, y + 0.0) for name, y in directions},
             **of_elements("contact_stored", "contact_lost", "friction_work", "touching"),
             **of_elements("dissipated", "damping", "load"),
+            **of_elements("displacement", "velocity"),
         }
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -368,7 +399,8 @@ class Energy(NamedTuple):
     """
 
     input: Any
-    """Work of the ground, −∫ u'' Σ m x' dt, and of loads p, Σ ∫ p x' dt."""
+    """Work of the ground, −∫ u'' Σ m x' dt, of loads p, Σ ∫ p x' dt, and of supports that move
+    relative to support 0, by the forces of rods and links."""
     kinetic: Any
     """Kinetic energy Σ ½ m x'², and ½ b w² of inerters."""
     rods: Any
@@ -423,7 +455,9 @@ def _energy_balance(response: Response) -> Energy:
             works = jnp.where(met, of_motion, works)
         return _summed(works)
 
-    rates = [along(beside_axis(weighted(rod)), v) for rod in response.rods]
+    supports = response.supports[:0:-1]
+    speeds = [*v, *(support.velocity for support in supports)]
+    rates = [along(beside_axis(moving_ends(rod)), speeds) for rod in response.rods]
     rods = work([rod.force for rod in response.rods], elongations, rates)
     against = [-mass.damping for mass in response.masses if mass.damping is not None]
     damping = work(against, x, v) if against else 0 * rods
@@ -439,6 +473,11 @@ def _energy_balance(response: Response) -> Energy:
     supplied = _summed(-jnp.diff(response.ground_velocity, axis=-1) * momentum)
     if loads:
         supplied = supplied + work(loads, x, v)
+    if n := len(supports):
+        elements, forces = response.forces_in_elements
+        ends = [beside_axis(moving_ends(element)) for element in elements]
+        holding = [-load_on(-k, ends, forces) for k in range(n, 0, -1)]
+        supplied = supplied + work(holding, response.displacements[-n:], speeds[-n:])
     pairs = zip(response.rods, elongations, strict=True)
     at_start = _total(rod.force[..., 0] * y[..., 0] for rod, y in pairs) / 2
     rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start

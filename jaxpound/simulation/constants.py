@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxpound._xla.plan import Plan, Work, choice
-from jaxpound.model.ends import WeightedEnds, along, load_on, weighted
+from jaxpound.model.ends import WeightedEnds, along, load_on, moving_ends, weighted
 from jaxpound.model.joint import Joint, groups, joints
 from jaxpound.model.system import System
 from jaxpound.simulation.contact.records import SLOTS, Contact
@@ -38,9 +38,10 @@ class StepConstants(NamedTuple):
     """Constants of a run, as its steps use them."""
 
     masses: tuple[jax.Array, ...]
-    influence: tuple[Any, ...]  # ι by mass: the share of the ground's motion that it has
+    influence: tuple[Any, ...]  # ι by mass, and 1 of supports: its share of the ground's motion
     rods: tuple[RodLaw, ...]
     rod_ends: tuple[WeightedEnds, ...]
+    rod_paths: tuple[WeightedEnds, ...]  # along which they stretch, from supports that move
     joints: tuple[Coupled, ...]  # each one group of joints, or groups of joints of one shape
     friction: FrictionLaw  # of joints that share no mass with others
     dt: float
@@ -68,8 +69,8 @@ class StepConstants(NamedTuple):
 
         Masses displaced by x at the start relax the rods there.
         """
-        masses, influence = system.masses, system.influences
-        rod_ends = tuple(map(weighted, system.rods))
+        masses, influence = system.masses, (*system.influences, *(1.0,) * system.topology.n_supports)
+        rod_ends, rod_paths = (tuple(map(ends, system.rods)) for ends in (weighted, moving_ends))
         rods = tuple(
             law_of(rod, dt, scheme.order, None if x is None else along(ends, x))
             for rod, ends in zip(system.rods, rod_ends, strict=True)
@@ -93,27 +94,36 @@ class StepConstants(NamedTuple):
         plan = choice()(Work(len(rods), _length_of(rods), flows, keep))
         slots = SLOTS if keep else 0
         numbers: Any = scheme.friction, dt, slots, x is None, plan, damping, is_loaded
-        return StepConstants(masses, influence, rods, rod_ends, kinds, *numbers)
+        return StepConstants(masses, influence, rods, rod_ends, rod_paths, kinds, *numbers)
 
     def start(
         self, zero: jax.Array, x: Sequence[jax.Array] | None, v: Sequence[jax.Array] | None
     ) -> RunState:
         """The state at t = 0: at rest, or of masses displaced by x that move with v."""
-        x, v = ((zero,) * len(self.masses) if y is None else tuple(y) for y in (x, v))
+        n, n_all = len(self.masses), len(self.influence)
+        at_rest = (zero,) * n_all
+        x, v = (at_rest if y is None else (*y, *at_rest[n:]) for y in (x, v))
         rods = tuple(
             law.start(along(ends, x), self.dt * along(ends, v))
-            for law, ends in zip(self.rods, self.rod_ends, strict=True)
+            for law, ends in zip(self.rods, self.rod_paths, strict=True)
         )
         owed = None if self.damping is None else zero + 0 * self.damping.influence
         return RunState(x, v, rods, tuple(kind.start(zero, x, v) for kind in self.joints), owed)
 
     def free_accelerations(
-        self, forces: Sequence[jax.Array], more: Sequence[Any] | None = None
+        self,
+        forces: Sequence[jax.Array],
+        more: Sequence[Any] | None = None,
+        supports: Sequence[Any] = (),
     ) -> list[Any]:
-        """Accelerations −M⁻¹ Bᵀ f of the masses by the forces f of the rods, and by ``more``."""
+        """Accelerations −M⁻¹ Bᵀ f of the masses by the forces f of the rods, and by ``more``.
+
+        Behind them are those of ``supports``.
+        """
         loads = self.loads(forces, more)
         # As quotients XLA computes them once; it computes products again for each use.
-        return [load / mass for load, mass in zip(loads, self.masses, strict=True)]
+        free = [load / mass for load, mass in zip(loads, self.masses, strict=True)]
+        return [*free, *supports]
 
     def loads(self, forces: Sequence[jax.Array], more: Sequence[Any] | None = None) -> list[Any]:
         """Loads −Bᵀ f on the masses by the forces f of the rods, and ``more`` loads."""
@@ -127,13 +137,17 @@ class StepConstants(NamedTuple):
     ) -> tuple[list[Any], Any]:
         """Mean accelerations in a step by rods and loads, and u'' if they are without the ground's.
 
-        ``v`` are velocities before it; dashpots owe accelerations and may ``drag``.
+        ``v`` are velocities before it; dashpots owe accelerations and may ``drag``. Supports have
+        their own accelerations.
         """
-        forces = [rod.kick for rod in rods]
+        forces, moved = [rod.kick for rod in rods], now.mean_supports
         if (damping := self.damping) is None:
-            return self.free_accelerations(forces, now.mean_loads), now.mean_ground
-        loads = self.loads(forces, now.mean_loads)
-        return [*damping.accelerations(loads, v, now.mean_ground, owed, drag)], None
+            return self.free_accelerations(forces, now.mean_loads, moved), now.mean_ground
+        loads, n = self.loads(forces, now.mean_loads), len(self.masses)
+        relative = [u - now.mean_ground for u in moved]
+        mean = [y + now.kick * self.dt / 2 * a for y, a in zip(v[n:], relative, strict=True)]
+        free = damping.accelerations(loads, [*v[:n], *mean], now.mean_ground, owed, drag)
+        return [*free, *relative], None
 
     def follow(
         self, y: Sequence[Any], closings: Sequence[Any], flows: Sequence[Any] = ()

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 
 from jaxpound._xla.alike import in_array
 from jaxpound.model.dampers import Dashpot
-from jaxpound.model.ends import along, weighted
+from jaxpound.model.ends import along, moving_ends
 from jaxpound.model.system import Rod, System
 from jaxpound.simulation.contact.forces import inverse_of
 from jaxpound.simulation.joints.coupled import Coupled
@@ -30,7 +30,10 @@ from jaxpound.simulation.state import JointState, Moved, Now
 
 
 class Drag(NamedTuple):
-    """What dashpots do within a step against jumps of velocities in its flows, by mass, (n,)."""
+    """What dashpots do within a step against jumps of velocities in its flows, by mass.
+
+    Arrays have zeros for supports behind those of the masses.
+    """
 
     velocity: jax.Array  # by which the mean velocity of the step exceeds that of smooth motion
     mean: jax.Array  # acceleration by it, in the mean over the step
@@ -41,7 +44,7 @@ class Drag(NamedTuple):
 class Damping(NamedTuple):
     """Dashpots of a system over steps of one length."""
 
-    matrix: jax.Array  # D, (n, n)
+    matrix: jax.Array  # D, (n, n), and columns of supports, of which it takes velocities
     inverse: jax.Array  # P
     influence: jax.Array  # P M ι
     h: float
@@ -54,20 +57,20 @@ class Damping(NamedTuple):
         if not dashpots and not system.damping:
             return None
         masses = jnp.stack(system.masses)
-        unit_motions = [*jnp.eye(masses.size, dtype=masses.dtype)]
-        no_dashpots = jnp.zeros((masses.size, masses.size), masses.dtype)
+        n, n_all = masses.size, masses.size + system.topology.n_supports
+        unit_motions = [*jnp.eye(n_all, dtype=masses.dtype)]
+        no_dashpots = jnp.zeros((n, n_all), masses.dtype)
 
         def matrix_of(dashpots: Sequence[Rod]) -> jax.Array:
             if not dashpots:
                 return no_dashpots
-            rows = jnp.stack([along(weighted(rod), unit_motions) for rod in dashpots])
-            return rows.T @ (
-                jnp.stack([rod.material.coefficient for rod in dashpots])[:, None] * rows
-            )
+            rows = jnp.stack([along(moving_ends(rod), unit_motions) for rod in dashpots])
+            coefficients = jnp.stack([rod.material.coefficient for rod in dashpots])
+            return rows.T[:n] @ (coefficients[:, None] * rows)
 
         inherent = matrix_of(system.damping) if system.damping else None
         matrix = matrix_of(dashpots) + (no_dashpots if inherent is None else inherent)
-        inverse = inverse_of(jnp.diag(masses) + h / 2 * matrix)
+        inverse = inverse_of(jnp.diag(masses) + h / 2 * matrix[:, :n])
         influence = inverse @ (masses * jnp.asarray(system.influences, masses.dtype))
         return Damping(matrix, inverse, influence, h, inherent)
 
@@ -76,7 +79,7 @@ class Damping(NamedTuple):
         if self.inherent is None:
             return None
         force = self.inherent @ in_array(v)
-        return tuple(-force[mass] for mass in range(len(v)))
+        return tuple(-force[mass] for mass in range(force.size))
 
     def accelerations(
         self, loads: Sequence[Any], v: Sequence[Any], ground: Any, owed: Any, drag: Drag | None
@@ -90,12 +93,13 @@ class Damping(NamedTuple):
         return free - self.influence * ground + owed
 
     def at_rest(self) -> list[Any]:
-        """A zero for each mass."""
-        return [0.0 * self.influence[0]] * len(self.influence)
+        """A zero for each mass and each support."""
+        return [0.0 * self.influence[0]] * self.matrix.shape[1]
 
     def against(self, y: jax.Array) -> jax.Array:
-        """Accelerations −P D y by which dashpots oppose velocities y."""
-        return -self.inverse @ (self.matrix @ y)
+        """Accelerations −P D y by which dashpots oppose velocities y; none of supports."""
+        free, (n, n_all) = -self.inverse @ (self.matrix @ y), self.matrix.shape
+        return jnp.pad(free, (0, n_all - n)) if n_all > n else free
 
     def drag(
         self,
@@ -122,4 +126,4 @@ class Damping(NamedTuple):
         missed = self.at_rest()
         for kind, joints in zip(kinds, moved, strict=True):
             kind.in_step.follow(missed, kind.in_step.kink(joints, self.h))
-        return self.against(in_array(missed))
+        return self.against(in_array(missed))[: len(self.influence)]

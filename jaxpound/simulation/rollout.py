@@ -27,6 +27,7 @@ from jaxpound._xla.plan import choice
 from jaxpound._xla.quotients import differentiated_with, unknown
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Excitation, Ground, as_motion
+from jaxpound.ground.supports import at_support, require_supports
 from jaxpound.model.hysteresis import zener_of
 from jaxpound.model.initial import InitialState, initial_rules
 from jaxpound.model.system import Structures, System
@@ -103,7 +104,8 @@ class Rollout(NamedTuple):
         # Before the batch is spread: orders and samples that all runs share are not copied.
         memories = [zener_of(rod.material) for rod in structures.system().rods]
         orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
-        excitations = _excitations((ground, *loads.values()), grid, scheme)
+        n_supports = structures.system().topology.n_supports
+        excitations = _excitations(_motions(ground, n_supports, loads), grid, scheme)
         series = [x.series for x in excitations]
         shaking = spread((ground, loads, series), copied=False)
         numbers = *spread((structures, extra, initial)), *shaking
@@ -125,7 +127,7 @@ class Rollout(NamedTuple):
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
         constants = StepConstants.of(system, scheme, dt, keep, displaced, bool(loads))
         start = constants.start(zero, displaced, velocities)
-        excitations = _excitations((ground, *loads.values()), grid, scheme)
+        excitations = _excitations(_motions(ground, n_supports, loads), grid, scheme)
         # The paper has x_0 = x_1 = 0: there the step to t_1 begins from the start, too.
         begins = 0 if scheme.start == "rest" or initial is not None else 1
 
@@ -135,12 +137,16 @@ class Rollout(NamedTuple):
             time, is_first = m.astype(dtype) * dt, m == 0
             inputs = zip(excitations, entry, strict=True)
             both = [x.at(jnp.maximum(time, 0), of_input) for x, of_input in inputs]
-            (a, mean), *by_mass = [
+            (a, mean), *others = [
                 [jnp.where(m < 0, zero, jnp.asarray(x, dtype)) for x in pair] for pair in both
             ]
+            of_supports, by_mass = others[:n_supports], others[n_supports:]
             # The run begins in the middle of its first step, at t = 0.
             kick = jnp.where(is_first, 0.5, 1.0).astype(dtype)
             now = Now(time, a, mean, is_first, m == grid.n_steps, kick)
+            if of_supports:
+                at_instant, in_mean = map(tuple, zip(*of_supports, strict=True))
+                now = now._replace(supports=at_instant, mean_supports=in_mean)
             if loads:
                 on = dict(zip(loads, by_mass, strict=True))
                 pairs = [on.get(mass, (zero, zero)) for mass in range(len(system.masses))]
@@ -163,6 +169,13 @@ class Rollout(NamedTuple):
             plan=constants.plan,
         )
         return Rollout(system, constants, zero, start, extra, advance, scan)
+
+
+def _motions(ground: Ground, n_supports: int, loads: Mapping[int, Ground]) -> list[Ground]:
+    """Motions of the ground, of the supports from the last to the second, and loads."""
+    require_supports(ground, n_supports + 1)
+    supports = [at_support(ground, k) for k in range(n_supports, 0, -1)]
+    return [at_support(ground, 0), *supports, *loads.values()]
 
 
 def _excitations(grounds: Sequence[Ground], grid: TimeGrid, scheme: Scheme) -> list[Excitation]:

@@ -24,6 +24,8 @@ class Now(NamedTuple):
     kick: jax.Array  # length of the step in units of h: 1/2 of the first step, else 1
     loads: tuple[jax.Array, ...] | None = None  # on masses at t_m
     mean_loads: tuple[jax.Array, ...] | None = None  # in the mean over the step
+    supports: tuple[jax.Array, ...] = ()  # accelerations u'' of supports that move, at t_m
+    mean_supports: tuple[jax.Array, ...] = ()  # in the mean over the step
 
 
 class JointState(NamedTuple):
@@ -45,7 +47,7 @@ def rise_of(before: JointState, pull: jax.Array, now: Now) -> jax.Array:
 class RunState(NamedTuple):
     """Displacements at t_m, velocities at t_m − h/2, and the state of rods and joints."""
 
-    x: tuple[jax.Array, ...]
+    x: tuple[jax.Array, ...]  # of the masses, and behind them of the last support to the second
     v: tuple[jax.Array, ...]
     rods: tuple[Any, ...]
     joints: tuple[JointState, ...]
@@ -131,6 +133,7 @@ class Instant(NamedTuple):
     needs_flow: jax.Array | None  # of a step without local flows: whether it needs one
     damping: tuple[jax.Array, ...] | None  # forces on masses by damping that is no rod of results
     loads: tuple[jax.Array, ...] | None  # on masses
+    supports: tuple[jax.Array, ...] = ()  # their accelerations u''
 
     @property
     def on_masses(self) -> list[jax.Array] | None:

@@ -110,7 +110,7 @@ def rods_at(
         return law.step(state, elongation, total, is_first, *mean)
 
     arguments = [
-        (system.rods[n], before.rods[n], totals[n], *(along(system.rod_ends[n], y) for y in x))
+        (system.rods[n], before.rods[n], totals[n], *(along(system.rod_paths[n], y) for y in x))
         for n in numbers
     ]
     return map_alike(at, arguments, system.plan.laws_in_arrays)
@@ -168,7 +168,7 @@ def observed(
     v = system.follow(mean, [y.velocity_now for y in moved])
     v = tuple(jnp.where(now.is_first, a, b) for a, b in zip(before.v, v, strict=True))
     at_rates = [*rods]
-    for number, (law, ends) in enumerate(zip(system.rods, system.rod_ends, strict=True)):
+    for number, (law, ends) in enumerate(zip(system.rods, system.rod_paths, strict=True)):
         if law.viscosity is not None:
             at_rates[number] = rods[number]._replace(force=law.viscosity * along(ends, v))
     forces = tuple(rod.force for rod in at_rates)
@@ -184,8 +184,10 @@ def observed(
         needs_flow=needs_flow,
         damping=damping,
         loads=now.loads,
+        supports=now.supports,
     )
-    free, groups = system.free_accelerations(forces, instant.on_masses), list[SeenGroup]()
+    free = system.free_accelerations(forces, instant.on_masses, now.supports)
+    groups = list[SeenGroup]()
     for kind, y, flow in zip(system.joints, moved, flows, strict=True):
         groups += kind.seen(y, flow, partial(kind.inertia, free, now.ground))
     links = {k: link for seen in groups for k, link in seen.links.items()}

@@ -103,12 +103,12 @@ class Coupled(NamedTuple):
     def along(self, y: Sequence[Any] | jax.Array) -> Any:
         """C y: closings, velocities or accelerations of the joints from those of the masses."""
         joints = (joint for group in self.of for joint in group.joints)
-        return self._array([along(joint.ends, y) for joint in joints])
+        return self._array([along(joint.path, y) for joint in joints])
 
     def pull(self, free: Sequence[Any], ground: jax.Array | None) -> jax.Array:
         """A = C (a − ι u''), relative accelerations of joints from the free ones of the masses."""
         pulls = [
-            less_ground(along(joint.ends, free), iota, ground)
+            less_ground(along(joint.path, free), iota, ground)
             for group in self.of
             for joint, iota in zip(group.joints, group.influence, strict=True)
         ]
@@ -318,7 +318,7 @@ def joint_group(
         delassus = jnp.stack([weights[mass] for mass in numbers]).T @ moved[jnp.array(numbers)]
         shares = dict(enumerate(moved @ inverse_of(delassus)))
     has_inerter = tuple(link.inerter is not None for link in links)
-    driven = tuple(along(joint.ends, influence) for joint in joints)
+    driven = tuple(along(joint.path, influence) for joint in joints)
     inerters = None
     if any(has_inerter):
         b = [0.0 if link.inerter is None else link.inerter.inertance for link in links]

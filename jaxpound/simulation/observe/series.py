@@ -10,13 +10,20 @@ import jax.numpy as jnp
 
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, as_motion
+from jaxpound.ground.supports import at_support
 from jaxpound.model.contact import Newton
 from jaxpound.model.ends import WeightedEnds, link_ends
 from jaxpound.model.system import Link, System
 from jaxpound.model.topology import WeightedMasses
 from jaxpound.results.demand import Demand
 from jaxpound.results.impacts import MOST, ImpactSeries
-from jaxpound.results.response import LinkResponse, MassResponse, Response, RodResponse
+from jaxpound.results.response import (
+    LinkResponse,
+    MassResponse,
+    Response,
+    RodResponse,
+    SupportResponse,
+)
 from jaxpound.simulation.constants import StepConstants
 from jaxpound.simulation.contact.records import Contact, Impacts, is_deformed
 from jaxpound.simulation.observe.tally import Tally
@@ -81,7 +88,7 @@ def response_of(
 
     ``with_ground`` is by mass the share of the ground's motion that it has beside its joints'.
     """
-    rest, paths = 0 * stored.forces[0], link_ends(system.links)
+    rest, paths, n = 0 * stored.forces[0], link_ends(system.links), len(system.masses)
     # The scan does not store series that follow from others; those of an invalid run are NaN.
     time = jnp.asarray(grid.times(), rest.dtype)
     motion = as_motion(ground).velocity_and_bulge(time, grid.dt)
@@ -90,8 +97,12 @@ def response_of(
     # the ground velocity now by the bulge, which is added; but not as the run starts.
     bulge = bulge.at[0].set(0)
     v = [v + share * bulge for v, share in zip(stored.v, with_ground, strict=True)]
-    damping, loads = (y or (None,) * len(v) for y in (stored.damping, stored.loads))
-    numbers = zip(stored.x, v, system.masses, system.influences, damping, loads, strict=True)
+    supports = [SupportResponse(rest, rest)]
+    for k in range(1, system.topology.n_supports + 1):  # which has a bulge of its own
+        _, own = as_motion(at_support(ground, k)).velocity_and_bulge(time, grid.dt)
+        supports.append(SupportResponse(stored.x[-k], v[-k] - own.astype(rest.dtype).at[0].set(0)))
+    damping, loads = (y or (None,) * n for y in (stored.damping, stored.loads))
+    numbers = zip(stored.x[:n], v[:n], system.masses, system.influences, damping, loads, strict=True)
     return Response(
         time=time + rest,
         ground_acceleration=jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest,
@@ -111,6 +122,7 @@ def response_of(
             )
             for k, link in enumerate(system.links)
         ),
+        supports=tuple(supports) if len(supports) > 1 else (),
         demand=scalars,
         method=f"{scheme.friction}, order {scheme.order}, {scheme.history}"
         + scheme.extrapolated * ", extrapolated",

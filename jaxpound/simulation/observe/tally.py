@@ -46,6 +46,7 @@ class _Observed(NamedTuple):
     last_forces: Sequence[jax.Array]  # of the rods, an instant before
     last_on_masses: Sequence[jax.Array] | None
     last_ground: jax.Array
+    last_supports: Sequence[jax.Array]
 
     def displacement(self, ends: WeightedEnds) -> Sample:
         """The displacement of a mass or elongation of a rod; impacts are kinks of the path."""
@@ -163,7 +164,8 @@ class _Observed(NamedTuple):
                 by_group = [seen.forces for seen in self.now.groups]
                 by_group[group] = forces
                 forces_then = [*map(rod_force, range(len(system.rods)))]
-                free = system.free_accelerations(forces_then, more)
+                supports = [*map(then, self.now.supports, self.last_supports)]
+                free = system.free_accelerations(forces_then, more, supports)
                 inertia = system.inertia(free, ground, by_group)[group]
             ends += [joint.ends for joint in system.groups[group].joints]
             acting += added(forces, inertia)
@@ -174,7 +176,7 @@ class _Observed(NamedTuple):
 def paths(system: StepConstants, topology: Topology) -> list[WeightedEnds]:
     """The displacements that are observed: of each mass, and elongations that differ from these."""
     ends: dict[int, WeightedEnds] = {mass: ((mass, 1),) for mass in range(topology.n_masses)}
-    for number, rod_ends in zip(topology.elongations, system.rod_ends, strict=True):
+    for number, rod_ends in zip(topology.elongations, system.rod_paths, strict=True):
         ends.setdefault(number, rod_ends)
     return [*ends.values()]
 
@@ -203,6 +205,7 @@ class Tally(NamedTuple):
     first_yields: tuple[jax.Array | None, ...]  # times, of rods that yield
     links: tuple[LinkTally, ...]
     on_masses: list[jax.Array] | None = None  # forces of no rod and no link, an instant before
+    supports: tuple[jax.Array, ...] = ()  # their accelerations then
 
     @staticmethod
     def start(
@@ -245,6 +248,7 @@ class Tally(NamedTuple):
             ),
             links=links,
             on_masses=[zero] * topology.n_masses if constants.has_forces_on_masses else None,
+            supports=(zero,) * topology.n_supports,
         )
 
     def observe(
@@ -260,7 +264,7 @@ class Tally(NamedTuple):
             for link, seen in zip(self.links, now.links, strict=True)
         )
         last_forces = [force.last for force in self.forces.each()]
-        last = last_forces, self.on_masses, self.ground.last
+        last = last_forces, self.on_masses, self.ground.last, self.supports
         instant = _Observed(now, system, smooth, links, *last)
         observed = paths(system, topology)
         displacements = self.displacements.observe([*map(instant.displacement, observed)])
@@ -280,6 +284,7 @@ class Tally(NamedTuple):
             ),
             links=links,
             on_masses=now.on_masses,
+            supports=now.supports,
         )
 
     def demand(

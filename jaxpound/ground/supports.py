@@ -1,0 +1,112 @@
+"""Ground motions of supports that move apart, as those of a bridge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+
+from jaxpound._checks import Rule, as_tuple, enforce, finite, is_traced, number
+from jaxpound._errors import InvalidInput
+from jaxpound.ground.motion import (
+    GroundLike,
+    Scaled,
+    Sum,
+    SupportMotions,
+    as_motion,
+    by_supports,
+    require_ground,
+)
+
+
+def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> SupportMotions:
+    """Ground motions of supports that a travelling wave reaches one after the other.
+
+    The motion of support k is u_k(t) = u(t − d_k/v): a wave that travels along a bridge and keeps
+    its shape. Before it arrives a support rests. What is lost of coherency by scattering, and
+    different soils under the supports, are left out; ``ground=(u0, u1, …)`` takes any motions.
+
+    Raises ``ValueError`` if a velocity is not positive, or a distance is negative or not finite.
+
+    Parameters
+    ----------
+    ground
+        The motion u where the wave comes from: a record, a wavelet, a function of t, or a random
+        motion, of which each draw travels.
+    velocity
+        Apparent velocity v > 0 along the distances, in m/s beside buildings: 200 to 2,000 m/s. The
+        apparent velocity is that of the ground's waves over the sine of their angle of incidence;
+        infinite, the default of a wave from below, it moves all supports alike.
+    distances
+        Distance d_k ≥ 0 of each support from where the motion is u, in m beside buildings.
+
+    Examples
+    --------
+    >>> record = jp.Record([0.0, 0.3, -0.2, 0.0], dt=0.5)
+    >>> wave = jp.travelling(record, velocity=500.0, distances=(0.0, 100.0))
+    >>> [round(float(u.acceleration(0.7)), 3) for u in wave.grounds]
+    [0.1, 0.3]
+    """
+    distances = as_tuple("distances", distances)
+    velocity = number("velocity", velocity)
+    enforce([Rule("velocity", velocity, velocity > 0, "positive")])
+    for k, x in enumerate(distances):
+        distance = number(name := f"distances[{k}]", x)
+        enforce([Rule(name, distance, (distance >= 0) & finite(distance), "finite and ≥ 0")])
+    if hasattr(ground, "draw"):
+        return ground._travelling(velocity, distances)  # type: ignore[union-attr]
+    require_ground("ground", ground)
+    if n_supports(ground):
+        raise InvalidInput("ground", repr(ground), "must be one motion, not that of each support")
+    motion = as_motion(ground)
+    delays = [distance / velocity for distance in distances]
+    return SupportMotions(
+        tuple(ground if _is_zero(delay) else motion._later(delay) for delay in delays)
+    )
+
+
+def at_support(ground: GroundLike, number: int) -> Any:
+    """The motion of a support by its number; of motions without supports, that of all."""
+    ground = by_supports(ground)
+    if not _counts(ground):
+        return ground
+    if isinstance(ground, SupportMotions):
+        return ground.grounds[number]
+    if isinstance(ground, Sum):
+        return Sum(tuple(at_support(term, number) for term in ground._terms()))
+    assert isinstance(ground, Scaled)
+    return Scaled(at_support(ground.ground, number), ground.factor)
+
+
+def n_supports(ground: GroundLike) -> int:
+    """The number of supports of which a ground motion is; 0 if all move alike.
+
+    An ``InvalidInput`` if its parts are of different numbers.
+    """
+    if len(counts := _counts(ground)) > 1:
+        numbers = " and ".join(map(str, sorted(counts)))
+        raise InvalidInput("ground", "", f"must be of as many supports in each part, not {numbers}")
+    return max(counts, default=0)
+
+
+def require_supports(ground: GroundLike, n: int) -> None:
+    """An ``InvalidInput`` for motions of supports that are not those of n supports."""
+    if (count := n_supports(ground)) not in (0, n):
+        rule = f"must be of {n}: structures name {n - 1} beside the ground, by support(k) in ends "
+        rule += "or in supports="
+        raise InvalidInput(f"ground, motions of {count} supports,", "", rule)
+
+
+def _counts(ground: GroundLike) -> set[int]:
+    """The numbers of supports of which the parts of a motion are; empty if all move alike."""
+    ground = by_supports(ground)
+    if isinstance(ground, SupportMotions):
+        return {len(ground.grounds)}
+    terms = ground.grounds if isinstance(ground, Sum) else ()
+    terms = (ground.ground,) if isinstance(ground, Scaled) else terms
+    return {count for term in terms for count in _counts(term)}
+
+
+def _is_zero(delay: Any) -> bool:
+    return not is_traced(delay) and bool(jnp.all(delay == 0))
