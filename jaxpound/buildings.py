@@ -142,7 +142,8 @@ class Buildings:
         links = (
             x
             for x in self.links
-            if x.building == building and (x.other_building <= GROUND or x.other_building == building)
+            if x.building == building
+            and (x.other_building <= GROUND or x.other_building == building)
         )
         devices = tuple(
             replace(

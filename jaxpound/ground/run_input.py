@@ -82,5 +82,7 @@ def as_pytree(ground: GroundLike, grid: TimeGrid) -> Ground:
     if isinstance(ground, Ground) and all(hasattr(x, "dtype") or np.isscalar(x) for x in leaves):
         return ground
     if n := n_supports(ground):
-        return motion.SupportMotions(tuple(as_pytree(at_support(ground, k), grid) for k in range(n)))
+        return motion.SupportMotions(
+            tuple(as_pytree(at_support(ground, k), grid) for k in range(n))
+        )
     return sampled(ground, grid)

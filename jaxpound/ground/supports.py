@@ -20,7 +20,7 @@ from jaxpound.ground.motion import (
 )
 
 
-def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> SupportMotions:
+def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> Any:
     """Ground motions of supports that a travelling wave reaches one after the other.
 
     The motion of support k is u_k(t) = u(t − d_k/v): a wave that travels along a bridge and keeps
@@ -37,7 +37,8 @@ def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> S
     velocity
         Apparent velocity v > 0 along the distances, in m/s beside buildings: 200 to 2,000 m/s. The
         apparent velocity is that of the ground's waves over the sine of their angle of incidence;
-        infinite, the default of a wave from below, it moves all supports alike.
+        infinite, of waves from straight below, it moves all supports alike. Of a random motion it
+        may be a ``Distribution``.
     distances
         Distance d_k ≥ 0 of each support from where the motion is u, in m beside buildings.
 
@@ -49,13 +50,13 @@ def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> S
     [0.1, 0.3]
     """
     distances = as_tuple("distances", distances)
+    if hasattr(ground, "draw"):
+        return ground._travelling(velocity, distances)  # type: ignore[union-attr]
     velocity = number("velocity", velocity)
     enforce([Rule("velocity", velocity, velocity > 0, "positive")])
     for k, x in enumerate(distances):
         distance = number(name := f"distances[{k}]", x)
         enforce([Rule(name, distance, (distance >= 0) & finite(distance), "finite and ≥ 0")])
-    if hasattr(ground, "draw"):
-        return ground._travelling(velocity, distances)  # type: ignore[union-attr]
     require_ground("ground", ground)
     if n_supports(ground):
         raise InvalidInput("ground", repr(ground), "must be one motion, not that of each support")

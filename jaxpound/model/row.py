@@ -22,12 +22,14 @@ from jaxpound.model.places import column_place, homes, link_place
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import (
+    RING,
     Link,
     Rod,
     System,
     check_link,
     faces_of,
     is_closable,
+    may_hold,
     require_face,
     require_independent,
     without_dampers,
@@ -113,9 +115,10 @@ class FloorLink:
         require_one_of(self.side, ("right", "left"), "side")
         for name in ("building", "floor", "next_floor", "next_building"):
             number, is_next = getattr(self, name), name.startswith("next")
+            least = number if name == "next_building" else GROUND if is_next else 0
             if number is None and is_next:
                 continue
-            if not (is_whole(number) and (number >= 0 or is_next)):
+            if not (is_whole(number) and number >= least):
                 rule = "must be a whole number from 0 on" + ", or GROUND" * is_next
                 raise InvalidInput(name, repr(number), rule)
             object.__setattr__(self, name, int(number))
@@ -177,7 +180,7 @@ class Row:
     """Buildings side by side, from left to right, with links between their floors; dimensionless.
 
     Raises ``ValueError`` if a link names no building or floor of the row, has one floor at both
-    ends or skips a building, or links close a ring.
+    ends or skips a building, or links with friction close a ring.
 
     Parameters
     ----------
@@ -185,8 +188,8 @@ class Row:
         ``Storeys``, from left to right. Their floors are the masses of ``system()`` and of results
         in this order, each building's from the ground up.
     links
-        Links between floors (``floor_links`` makes them for every common floor). They may not close
-        a ring (see ``System``).
+        Links between floors (``floor_links`` makes them for every common floor). Those with
+        friction may not close a ring (see ``System``).
     supports
         The number of the support that each building stands on (``support``), where these move
         apart; by default all stand on 0.
@@ -491,9 +494,9 @@ def _require_forest(floors: Sequence[int], links: Sequence[FloorLink], labels: L
     topology = Topology(starts[-1], (), ends)
     for k in faces(topology):
         require_face(labels.link(k) + labels.between, links[k])
-    if (closing := ring(topology)) is None:
+    if (closing := ring(topology, [*map(may_hold, links)])) is None:
         return
-    rule = "must not close a ring with the links before it"
+    rule = RING
     for k in range(closing):
         if {*ends[k]} == {*ends[closing]}:
             place = labels.link(k)

@@ -88,8 +88,8 @@ class Link:
     ----------
     ends
         Mass i on the left and another, j, by number from 0; one may be ``GROUND``, as of a sliding
-        bearing, or ``jp.support(k)``. Its closing is s = x_i − x_j, and the current gap is ``gap`` − s. Or any masses
-        with weights, as those of a ``Rod``: its closing is s = Σ weight × x.
+        bearing, or ``jp.support(k)``. Its closing is s = x_i − x_j, and the current gap is ``gap``
+        − s. Or any masses with weights, as those of a ``Rod``: its closing is s = Σ weight × x.
     friction
         Slip force μ ≥ 0, in units of m1 g.
     gap
@@ -216,9 +216,9 @@ class System:
     links close by C x. Inerters add Cᵀ b C x'' on the left.
 
     Raises ``ValueError`` if an end names no mass, a mass has no path of rods with a stiffness to
-    the ground, a dashpot comes before the rods that tie its ends, or links close a ring; with
-    weights, if rods leave a motion of the masses free, or the closing of a link follows from those
-    of other links.
+    the ground, a dashpot comes before the rods that tie its ends, or links with friction close a
+    ring; with weights, if rods leave a motion of the masses free, or the closing of a link follows
+    from those of other links.
 
     Parameters
     ----------
@@ -228,9 +228,10 @@ class System:
         The rods. Those with a stiffness must tie every mass to the ground, directly or through
         other masses, and come before dashpots on them.
     links
-        The links. They may not close a ring: the friction forces of a ring in stick are not
-        determined. A link without friction may have the opposite ends of one before it, whose
-        other face it is; ``gap=(left, right)`` of a ``Link`` makes both. Their dampers become rods.
+        The links. Those with friction or contact by ``Newton`` may not close a ring: its forces in
+        stick and at rest are not determined. A link without friction may have the opposite ends of
+        one before it, whose other face it is; ``gap=(left, right)`` of a ``Link`` makes both. Their
+        dampers become rods.
     tuned
         The masses that are tuned masses, by number: no floors of a building, but what stands on it.
     influence
@@ -399,8 +400,8 @@ def _require_held(system: System) -> None:
     if (first := _untied_dashpot(system)) is not None:
         rule = "must come after the rods with a stiffness that tie its ends"
         raise InvalidInput(f"rods.{first}, a dashpot,", "", rule)
-    if (closing := ring(topology)) is not None:
-        ends, rule = topology.links[closing], "must not close a ring with the links before it"
+    if (closing := ring(topology, [*map(may_hold, system.links)])) is not None:
+        ends, rule = topology.links[closing], RING
         if any({*ends} == {*before} for before in topology.links[:closing]):
             rule = ONE_LINK
         raise InvalidInput(f"links.{closing}.ends", str(ends), rule)
@@ -464,6 +465,17 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
         kept.append(link)
     return tuple(kept), tuple(rods)
 
+
+def may_hold(link: Any) -> bool:
+    """Whether a link may hold its ends to each other: by friction in stick, or Newton's contact."""
+    friction = is_traced(link.friction) or bool(np.any(np.asarray(link.friction) != 0))
+    holds = (*link.contact,) if isinstance(link.contact, tuple) else (link.contact,)
+    rests = any(isinstance(law, Newton) for law in holds)
+    return friction or rests or link.velocity_friction is not None
+
+
+RING = "must not close a ring with links before it: friction in stick, and contact by Newton's law "
+RING += "at rest, would not be determined; without friction, and with a law of force, it may"
 
 ONE_LINK = "must not be those of a link before it: gap=(left, right) makes a link of two faces"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 from itertools import chain
 from typing import Any, NamedTuple
@@ -114,15 +114,19 @@ class Topology(NamedTuple):
         return tuple(numbers.setdefault(key, len(numbers)) for key in keys)
 
 
-def ring(topology: Topology) -> int | None:
-    """The first link that closes a ring with the links before it; None if none does.
+def ring(topology: Topology, hold: Sequence[bool]) -> int | None:
+    """The first link that closes a ring of links that ``hold``, or has the ends of one before it.
 
-    Links with weights are left out: whether they do is a question of their weights.
+    None if none does. A link may hold its ends to each other. Links with weights are left out:
+    whether they close a ring is a question of their weights.
     """
     no_faces = (k for k in range(len(topology.links)) if k not in faces(topology))
     links = [k for k in no_faces if not isinstance(topology.links[k], WeightedMasses)]
-    _, tree = joined_ends(topology.n_masses, [topology.links[k] for k in links])
-    return next((k for n, k in enumerate(links) if n not in tree), None)
+    holding, pairs = [k for k in links if hold[k]], [{*topology.links[k]} for k in links]
+    _, tree = joined_ends(topology.n_masses, [topology.links[k] for k in holding])
+    closing = {k for n, k in enumerate(holding) if n not in tree}
+    closing |= {k for n, k in enumerate(links) if pairs[n] in pairs[:n]}
+    return min(closing, default=None)
 
 
 @cache

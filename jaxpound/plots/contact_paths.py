@@ -79,7 +79,8 @@ def _reach(hit: Impact, times: np.ndarray, force: np.ndarray, instants: np.ndarr
 
 def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
     """Times, penetrations and forces, (3, points), by link and number of the instant before."""
-    x, masses = zip(*((mass.x, jnp.asarray(mass.mass)) for mass in response.masses), strict=True)
+    x, masses = response.displacements, [jnp.asarray(mass.mass) for mass in response.masses]
+    supports = response.supports[:0:-1]
     links = tuple(
         unchecked(
             Link,
@@ -93,15 +94,16 @@ def _steps(response: Response) -> dict[tuple[int, int], np.ndarray]:
         )
         for link in response.links
     )
-    influence = [mass.influence for mass in response.masses]
-    system = unchecked(System, masses=masses, rods=(), links=links, tuned=())
+    influence = [*(mass.influence for mass in response.masses), *(1.0,) * len(supports)]
+    system = unchecked(System, masses=tuple(masses), rods=(), links=links, tuned=())
     free = [*response.accelerations(response.rods, [rod.force for rod in response.rods])]
+    free += [support.acceleration for support in supports]
     steps: dict[tuple[int, int], np.ndarray] = {}
     for group in groups(joints(system)):
         if any(links[face.link].contact for joint in group for face in joint.faces):
             (kind,) = all_coupled([group], system, masses, influence)
             pulls = jax.vmap(kind.pull)(free, response.ground_acceleration)
-            closings = jnp.stack([along(joint.ends, x) for joint in group], -1)
+            closings = jnp.stack([along(joint.path, x) for joint in group], -1)
             for m, points in _flows(response, kind, closings, pulls):
                 steps |= {(k, m): points[:, :, j].T for j, k in enumerate(kind.of[0].links)}
     return steps

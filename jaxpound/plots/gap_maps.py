@@ -50,16 +50,17 @@ def gap_map(response: Response, ax: Axes | None = None, widest: float | None = N
     curves.require_valid(response)
     curves.gaps_of(response)
     links = [k for k, link in enumerate(response.links) if np.isfinite(link.gap).all()]
-    home = homes(response.topology) | {GROUND: (GROUND, GROUND)}
+    home = homes(response.topology)
 
     def place(k: int) -> tuple[int, int, int]:
         """The buildings that a link is between, and its floor from the top of the map on."""
         ends = response.links[k].ends
         assert not isinstance(ends, WeightedMasses)
-        (a, i), (b, _) = (home[end] for end in (ends if ends[0] != GROUND else ends[::-1]))
+        ends = ends if ends[0] > GROUND else ends[::-1]
+        (a, i), (b, _) = (home.get(end, (GROUND, GROUND)) for end in ends)
         return a, b, -i
 
-    has_buildings = len(home) > 1 and not any(response.links[k].weights for k in links)
+    has_buildings = bool(home) and not any(response.links[k].weights for k in links)
     order = sorted(links, key=place) if has_buildings else links
     ordered = [response.links[k] for k in order]
     gaps = np.array([np.where(curves.closed(link), -1.0, link.gap) for link in ordered])

@@ -79,7 +79,7 @@ def row(
     ends_of_links = [two_ends(link.ends) for link in system.links]
     linked = [{building_of.get(end) for end in pair} for pair in ends_of_links]
     with_ends = zip(system.links, ends_of_links, strict=True)
-    walls = {(building_of[max(x)], x[1] == GROUND) for link, x in with_ends if _has_wall(link)}
+    walls = {(building_of[max(x)], x[1] <= GROUND) for link, x in with_ends if _has_wall(link)}
     space = [[_LINKED * ((b, x) in walls) for x in (False, True)] for b in range(len(buildings))]
     lefts = [0.0]
     for b in range(1, len(buildings)):
@@ -138,7 +138,7 @@ def _elevations_of(structures: Structures) -> list[Any] | None:
 
 def _has_wall(link: Link) -> bool:
     """Whether a link has a gap to the ground."""
-    return GROUND in link.ends and bool(np.isfinite(link.gap))
+    return min(two_ends(link.ends)) <= GROUND and bool(np.isfinite(link.gap))
 
 
 def floor_heights(n_floors: Sequence[int], elevations: Any) -> list[np.ndarray]:
@@ -240,7 +240,7 @@ def _link(
         places = {**places, above: (places[above][0] + inset, *places[hit][1:])}
     j, i = sorted(pair)  # the ground comes first
     start, up, foot = places[i]
-    second = (start, foot, foot) if j == GROUND else places[j]
+    second = (start, foot, foot) if j <= GROUND else places[j]
     if _has_wall(link):  # to the right where the gap closes as the floor moves to the right
         side = 1 if pair[0] == i else -1
         second = start + side * (_WIDTH + _LINKED), up, foot

@@ -55,6 +55,8 @@ class SupportResponse:
     """Its displacement relative to support 0, as those of the masses are."""
     velocity: Any = quantity("velocity", column="support_velocity_{}", smooth=True)
     """Its velocity relative to support 0."""
+    acceleration: Any = quantity("acceleration", column="support_acceleration_{}")
+    """Its absolute acceleration u''."""
 
 
 @pytree_dataclass
@@ -321,7 +323,7 @@ class Response(ByElement, Columnar, Shown):
             **{name.replace("phase", "slip_direction"): (None, y + 0.0) for name, y in directions},
             **of_elements("contact_stored", "contact_lost", "friction_work", "touching"),
             **of_elements("dissipated", "damping", "load"),
-            **of_elements("displacement", "velocity"),
+            **of_elements("displacement", "velocity", "acceleration"),
         }
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -434,11 +436,10 @@ def _energy_balance(response: Response) -> Energy:
     masses = [jnp.asarray(mass.mass)[..., None] for mass in response.masses]
     driven = [m * mass.influence for m, mass in zip(masses, response.masses, strict=True)]
     momentum = _means(_total(map(operator.mul, driven, v)))
-    kinetic = _total(m * v_of_mass**2 for m, v_of_mass in zip(masses, v, strict=True)) / 2
-    for link in response.links:
-        if link.inertia is not None:
-            inertance = jnp.asarray(link.inertance)[..., None]
-            kinetic = kinetic + inertance * link.slip_velocity**2 / 2
+    inerters = [link for link in response.links if link.inertia is not None]
+    inertias = [*masses, *(jnp.asarray(link.inertance)[..., None] for link in inerters)]
+    speeds = [*v, *(link.slip_velocity for link in inerters)]
+    kinetic = _total(m * speed**2 for m, speed in zip(inertias, speeds, strict=True)) / 2
     steps, elongations = jnp.diff(response.time, axis=-1), response.elongations
     met = None
     if touching := [link.touching for link in response.links if link.touching is not None]:
@@ -456,9 +457,9 @@ def _energy_balance(response: Response) -> Energy:
         return _summed(works)
 
     supports = response.supports[:0:-1]
-    speeds = [*v, *(support.velocity for support in supports)]
-    rates = [along(beside_axis(moving_ends(rod)), speeds) for rod in response.rods]
-    rods = work([rod.force for rod in response.rods], elongations, rates)
+    rates = [*v, *(support.velocity for support in supports)]
+    speeds = [along(beside_axis(moving_ends(rod)), rates) for rod in response.rods]
+    rods = work([rod.force for rod in response.rods], elongations, speeds)
     against = [-mass.damping for mass in response.masses if mass.damping is not None]
     damping = work(against, x, v) if against else 0 * rods
     loads = [mass.load for mass in response.masses if mass.load is not None]
@@ -473,11 +474,9 @@ def _energy_balance(response: Response) -> Energy:
     supplied = _summed(-jnp.diff(response.ground_velocity, axis=-1) * momentum)
     if loads:
         supplied = supplied + work(loads, x, v)
-    if n := len(supports):
-        elements, forces = response.forces_in_elements
-        ends = [beside_axis(moving_ends(element)) for element in elements]
-        holding = [-load_on(-k, ends, forces) for k in range(n, 0, -1)]
-        supplied = supplied + work(holding, response.displacements[-n:], speeds[-n:])
+    if supports:
+        paths = [response.displacements[len(x) :], rates[len(x) :]]
+        supplied = supplied + work(_holding(response), *paths) + _work_of_blows(response)
     pairs = zip(response.rods, elongations, strict=True)
     at_start = _total(rod.force[..., 0] * y[..., 0] for rod, y in pairs) / 2
     rods, initial = rods + at_start[..., None], kinetic[..., 0] + at_start
@@ -486,6 +485,32 @@ def _energy_balance(response: Response) -> Energy:
     yielding = sum((r.dissipated for r in response.rods if r.dissipated is not None), 0.0)
     terms = stored, lost, initial, yielding, damping
     return Energy(supplied, kinetic, rods, friction, residual, *terms)
+
+
+def _holding(response: Response) -> list[Any]:
+    """Forces of supports on rods and links, from the last support to support 1."""
+    elements, forces = response.forces_in_elements
+    ends = [beside_axis(moving_ends(element)) for element in elements]
+    return [-load_on(-k, ends, forces) for k in range(len(response.supports) - 1, 0, -1)]
+
+
+def _work_of_blows(response: Response) -> Any:
+    """Work until each instant of supports by impacts without duration, of ``Newton``'s law."""
+    time, work = jnp.asarray(response.time), 0.0
+    for link in response.links:
+        support, weight = moving_ends(link)[0]
+        if link.impacts is None or support >= 0:
+            continue
+        speed, touch = response.supports[-support].velocity, link.impacts.time
+        past = time[..., None, :] >= touch[..., :, None]
+        after = jnp.clip(time.shape[-1] - past.sum(-1), 1, time.shape[-1] - 1)
+        ends = [jnp.take_along_axis(y, k, -1) for k in (after - 1, after) for y in (time, speed)]
+        t_0, v_0, t_1, v_1 = ends
+        then = v_0 + (v_1 - v_0) * (touch - t_0) / (t_1 - t_0)
+        blows = jnp.isposinf(link.impacts.peak_force) & jnp.isfinite(touch)
+        works = jnp.where(blows, weight * link.impacts.impulse * then, 0.0)
+        work = work + jnp.where(past, works[..., None], 0.0).sum(-2)
+    return work
 
 
 def _means(series: Any) -> Any:

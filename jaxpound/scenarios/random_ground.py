@@ -22,6 +22,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound._fields import Checked, Parameter, parameter, part, walk
 from jaxpound.ground import motion
 from jaxpound.ground.record import Record, require_records, stacked
+from jaxpound.ground.supports import travelling
 from jaxpound.ground.wavelets import Pulse, Ricker
 from jaxpound.model.parameters import SMALLEST
 from jaxpound.scenarios.distributions import Distribution, TwoSided, require_inside, truncated
@@ -50,6 +51,9 @@ class GroundDraw(motion.Addable["SumOfDraws", "ScaledDraw"], Draw):
     def dimensionless(self, frequency: Any) -> GroundDraw:
         """These motions converted from seconds to units of 1/ω1, ω1 = ``frequency`` in rad/s."""
         return _Dimensionless(self, frequency)
+
+    def _travelling(self, velocity: Any, distances: tuple[Any, ...]) -> TravellingDraw:
+        return TravellingDraw(self, velocity, distances)
 
     def _make_sum(self, *terms: Any) -> SumOfDraws:
         return SumOfDraws(terms)
@@ -120,6 +124,13 @@ class SumOfDraws(Composed, GroundDraw):
         return [unit for unit in units if unit]
 
 
+def _number_drawn(x: Any) -> Any:
+    """A number, or the draw of a ``Distribution``, of one standard normal number."""
+    if not isinstance(x, Distribution):
+        return x
+    return CustomDraw(lambda z: x.from_normal(z[0]), 1)
+
+
 @dataclasses.dataclass(frozen=True)
 class ScaledDraw(Composed, GroundDraw):
     """A random ground motion times a factor, which is fixed or drawn.
@@ -155,9 +166,44 @@ class ScaledDraw(Composed, GroundDraw):
         return self._parameters(z)[0] | scale
 
     def _parts(self) -> tuple[Any, ...]:
-        if not isinstance(self.factor, Distribution):
-            return self.ground, self.factor
-        return self.ground, CustomDraw(lambda z: self.factor.from_normal(z[0]), 1)
+        return self.ground, _number_drawn(self.factor)
+
+
+@dataclasses.dataclass(frozen=True)
+class TravellingDraw(Composed, GroundDraw):
+    """A random ground motion that travels along supports (``travelling``).
+
+    The velocity is a number > 0 or a ``Distribution``, which takes one more standard normal
+    number, the last; the parameter ``velocity``. Others raise ``ValueError``.
+    """
+
+    ground: GroundDraw
+    velocity: Any
+    distances: tuple[Any, ...]
+
+    def __post_init__(self) -> None:
+        known = 1.0 if isinstance(self.velocity, Distribution) else self.velocity
+        travelling(lambda t: 0.0 * t, known, self.distances)  # which checks them
+
+    @property
+    def time_unit(self) -> str | None:  # type: ignore[override]
+        """Unit of time of the ground motion."""
+        return self.ground.time_unit
+
+    def draw(self, z: Float[Array, " d"]) -> Any:
+        """The motions of the supports drawn."""
+        ground, velocity = self._drawn(z)
+        return travelling(ground, velocity, self.distances)
+
+    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
+        """The parameters of the ground motion, and the velocity if it is random."""
+        random = isinstance(self.velocity, Distribution)
+        return self._parameters(z)[0] | (
+            {"velocity": self.velocity.from_normal(z[-1])} if random else {}
+        )
+
+    def _parts(self) -> tuple[Any, ...]:
+        return self.ground, _number_drawn(self.velocity)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -69,7 +69,10 @@ class StepConstants(NamedTuple):
 
         Masses displaced by x at the start relax the rods there.
         """
-        masses, influence = system.masses, (*system.influences, *(1.0,) * system.topology.n_supports)
+        masses, influence = (
+            system.masses,
+            (*system.influences, *(1.0,) * system.topology.n_supports),
+        )
         rod_ends, rod_paths = (tuple(map(ends, system.rods)) for ends in (weighted, moving_ends))
         rods = tuple(
             law_of(rod, dt, scheme.order, None if x is None else along(ends, x))
@@ -112,7 +115,7 @@ class StepConstants(NamedTuple):
 
     def free_accelerations(
         self,
-        forces: Sequence[jax.Array],
+        forces: Sequence[Any],
         more: Sequence[Any] | None = None,
         supports: Sequence[Any] = (),
     ) -> list[Any]:
@@ -125,7 +128,7 @@ class StepConstants(NamedTuple):
         free = [load / mass for load, mass in zip(loads, self.masses, strict=True)]
         return [*free, *supports]
 
-    def loads(self, forces: Sequence[jax.Array], more: Sequence[Any] | None = None) -> list[Any]:
+    def loads(self, forces: Sequence[Any], more: Sequence[Any] | None = None) -> list[Any]:
         """Loads −Bᵀ f on the masses by the forces f of the rods, and ``more`` loads."""
         loads = [load_on(mass, self.rod_ends, forces) for mass in range(len(self.masses))]
         if more is None:

@@ -258,7 +258,9 @@ test_a_wrong_object_is_told_which_function_wants_it = pytest.mark.unchecked(
         (jp.simulate, STRUCTURES, Path("mine.at2"), GRID, OF_FILES),
     )
 )
-FOLLOWS = "must be a TimeGrid: it follows from buildings, a record's dt, wavelets and rests, of which"
+FOLLOWS = (
+    "must be a TimeGrid: it follows from buildings, a record's dt, wavelets and rests, of which"
+)
 BURST = r"Record\('burst'.*"
 SAME_UNIT = rf"^RandomRecord: records\[1\] = {BURST} the same unit of time"
 DEMAND = jax.jit(lambda record: jp.demand(STRUCTURES, record, GRID).min_gap)

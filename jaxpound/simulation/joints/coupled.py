@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxpound._xla.alike import by_kind, in_array, stacked, unstacked
 from jaxpound.model.contact import with_mass
@@ -271,6 +272,25 @@ def _seen(
     return SeenGroup(forces, inertia, jumps, links)
 
 
+def _inverse(delassus: jax.Array, joints: Sequence[Joint]) -> jax.Array:
+    """G⁻¹, by which masses follow joints; where links close a ring, the pseudo-inverse of G.
+
+    The closings in a ring are C x = L C_1 x with those of the joints 1 that close none, so that
+    G = L G_1 Lᵀ.
+    """
+    masses = sorted({mass for joint in joints for mass, _ in joint.ends})
+    if not all(isinstance(w, int) for joint in joints for _, w in joint.ends):
+        return inverse_of(delassus)  # weights are checked: no closing follows from others
+    rows = np.array([[dict(joint.ends).get(mass, 0) for mass in masses] for joint in joints])
+    ranks = [np.linalg.matrix_rank(rows[:n]) for n in range(len(rows) + 1)]
+    first = [n for n in range(len(rows)) if ranks[n + 1] > ranks[n]]
+    if len(first) == len(rows):
+        return inverse_of(delassus)
+    whole = np.linalg.pinv(rows @ np.linalg.pinv(rows[first]))
+    independent = inverse_of(delassus[np.ix_(first, first)])
+    return jnp.asarray(whole.T, delassus.dtype) @ independent @ jnp.asarray(whole, delassus.dtype)
+
+
 def may_need_flow(joints: Sequence[Joint], system: System) -> bool:
     """Whether steps of joints that share masses may need the local flow."""
     links = [system.links[link] for joint in joints for link, _ in joint.faces]
@@ -311,12 +331,12 @@ def joint_group(
     if mobility is None:
         parts = [jnp.outer(row, row) / masses[mass] for mass, row in weights.items()]
         delassus = sum(parts[1:], parts[0])
-        inverse = inverse_of(delassus)
+        inverse = _inverse(delassus, joints)
         shares = {mass: (row @ inverse) / masses[mass] for mass, row in weights.items()}
     else:
         moved = mobility[:, jnp.array(numbers)] @ jnp.stack([weights[mass] for mass in numbers])
         delassus = jnp.stack([weights[mass] for mass in numbers]).T @ moved[jnp.array(numbers)]
-        shares = dict(enumerate(moved @ inverse_of(delassus)))
+        shares = dict(enumerate(moved @ _inverse(delassus, joints)))
     has_inerter = tuple(link.inerter is not None for link in links)
     driven = tuple(along(joint.path, influence) for joint in joints)
     inerters = None

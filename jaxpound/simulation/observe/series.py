@@ -97,15 +97,20 @@ def response_of(
     # the ground velocity now by the bulge, which is added; but not as the run starts.
     bulge = bulge.at[0].set(0)
     v = [v + share * bulge for v, share in zip(stored.v, with_ground, strict=True)]
-    supports = [SupportResponse(rest, rest)]
+    acceleration = _acceleration(ground, time, rest)
+    supports = [SupportResponse(rest, rest, acceleration)]
     for k in range(1, system.topology.n_supports + 1):  # which has a bulge of its own
-        _, own = as_motion(at_support(ground, k)).velocity_and_bulge(time, grid.dt)
-        supports.append(SupportResponse(stored.x[-k], v[-k] - own.astype(rest.dtype).at[0].set(0)))
+        own = as_motion(at_support(ground, k))
+        less = own.velocity_and_bulge(time, grid.dt)[1].astype(rest.dtype).at[0].set(0)
+        numbers = stored.x[-k], v[-k] - less, _acceleration(own, time, rest)
+        supports.append(SupportResponse(*numbers))
     damping, loads = (y or (None,) * n for y in (stored.damping, stored.loads))
-    numbers = zip(stored.x[:n], v[:n], system.masses, system.influences, damping, loads, strict=True)
+    numbers = zip(
+        stored.x[:n], v[:n], system.masses, system.influences, damping, loads, strict=True
+    )
     return Response(
         time=time + rest,
-        ground_acceleration=jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest,
+        ground_acceleration=acceleration,
         ground_velocity=ground_velocity + rest,
         masses=tuple(
             MassResponse(x, v, mass + rest[0], *others) for x, v, mass, *others in numbers
@@ -127,6 +132,11 @@ def response_of(
         method=f"{scheme.friction}, order {scheme.order}, {scheme.history}"
         + scheme.extrapolated * ", extrapolated",
     )
+
+
+def _acceleration(ground: Ground, time: jax.Array, rest: jax.Array) -> jax.Array:
+    """U'' at the instants."""
+    return jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest
 
 
 def _link_response(

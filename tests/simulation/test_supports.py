@@ -1,0 +1,221 @@
+"""Supports that move apart: springs and dashpots in closed form, joints beside heavy masses."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxpound as jp
+from jaxpound.plots.contact_paths import followed_contacts
+from tests.refusals import refusals
+
+G, SPRING = jp.GROUND, jp.model.Spring()
+STEEL = jp.ZenerRod(0.6, 0.05, 0.2)
+FIRST, SECOND = jp.support(1), jp.support(2)
+GRID = jp.TimeGrid.until(6.0, 0.02)
+
+
+def pulse(t, size, period, at, xp=jnp):
+    """A Ricker pulse of acceleration, after which velocity and displacement are 0."""
+    y = (np.pi * (t - at) / period) ** 2
+    return size * (1 - 2 * y) * xp.exp(-y)
+
+
+NUMBERS = (0.5, 1.5, 1.8), (0.4, 1.2, 2.0), (-0.3, 1.0, 2.2)
+AT_0, AT_1, AT_2 = (lambda t, numbers=numbers: pulse(t, *numbers) for numbers in NUMBERS)
+
+
+def deck(stiffness=20.0, coefficient=1.5):
+    """A deck of mass 2 on the ground and, by a spring and a dashpot, on support 1."""
+    springs = [jp.Rod(SPRING, stiffness, (0, end)) for end in (G, FIRST)]
+    dashpot = jp.Rod(jp.Dashpot(coefficient), ends=(0, FIRST))
+    return jp.System((2.0,), (*springs, dashpot))
+
+
+def exact(stiffness, coefficient):
+    """x, v of the deck and d, v of the support, relative to support 0, by SciPy."""
+
+    def rates(t, y):
+        x, v, d, rate = y
+        force = -stiffness * x - stiffness * (x - d) - coefficient * (v - rate)
+        u, other = (pulse(t, *numbers, xp=np) for numbers in NUMBERS[:2])
+        return v, force / 2.0 - u, rate, other - u
+
+    return solve_ivp(rates, (0, 6), [0.0] * 4, rtol=1e-10, atol=1e-12, t_eval=GRID.times()[::2]).y
+
+
+def test_a_deck_on_two_supports_is_that_of_scipy_to_second_order():
+    """Displacements, velocities, forces, energy, and the derivatives by stiffness and dashpot."""
+    x, v, d, rate = exact(20.0, 1.5)
+    change = 1e-4
+    slopes = [
+        (exact(20.0 + change, 1.5)[0] - exact(20.0 - change, 1.5)[0]) / (2 * change),
+        (exact(20.0, 1.5 + change)[0] - exact(20.0, 1.5 - change)[0]) / (2 * change),
+    ]
+    errors = []
+    for step in (0.04, 0.02, 0.01):
+        grid, every = jp.TimeGrid.until(6.0, step), round(0.04 / step)
+
+        def displacement(k, c, grid=grid):
+            return jp.simulate(deck(k, c), (AT_0, AT_1), grid).masses[0].x
+
+        response = jp.simulate(deck(), (AT_0, AT_1), grid)
+        by_k, by_c = jax.jacfwd(displacement, (0, 1))(20.0, 1.5)
+        support = response.supports[1]
+        series = [
+            (response.masses[0].x, x),
+            (response.masses[0].v, v),
+            (support.displacement, d),
+            (support.velocity, rate),
+            (response.rods[1].force, 20.0 * (x - d)),
+            (response.rods[2].force, 1.5 * (v - rate)),
+            (by_k, slopes[0]),
+            (by_c, slopes[1]),
+        ]
+        errors.append([np.abs(y[::every] - z).max() / np.abs(z).max() for y, z in series])
+        assert float(response.energy.relative_residual) < 15 * step**2
+        np.testing.assert_allclose(support.acceleration, AT_1(grid.times()), atol=1e-12)
+    for coarse, middle, fine in np.transpose(errors):
+        assert coarse / middle == pytest.approx(4, rel=0.15) == middle / fine
+        assert fine < 3e-3
+
+
+def bridge(law, first, second, friction, masses=(), rods=(), dashpots=True):
+    """Two decks between two abutments; where contact has a law of force, links close a ring."""
+    rods = [*rods, jp.Rod(STEEL, 4.0, (0, first)), jp.Rod(SPRING, 2.0, (0, G))]
+    rods.append(jp.Rod(STEEL, 9.0, (1, second)))
+    if dashpots:
+        rods += [jp.Rod(jp.Dashpot(0.3), ends=(0, first)), jp.Rod(jp.Dashpot(0.2), ends=(0, 1))]
+    links = [jp.Link((0, 1), friction=friction, gap=0.05, contact=law)]
+    if isinstance(law, jp.KelvinVoigt) and not friction:
+        links.append(jp.Link((first, 0), gap=0.04, contact=law, inerter=jp.Inerter(0.1)))
+    links.append(jp.Link((1, second), friction=friction / 2, gap=0.06, contact=law))
+    return jp.System((1.0, 0.7, *masses), rods, links)
+
+
+LAWS = {
+    "Kelvin–Voigt, in a ring": (jp.KelvinVoigt(4e3, 0.6), 0.0, True),
+    "Newton": (jp.Newton(0.6), 0.0, False),
+    "friction": (None, 0.1, True),
+    "friction and contact": (jp.KelvinVoigt(200.0, 0.6), 0.1, False),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_joints_at_supports_are_those_at_masses_too_heavy_to_move(name):
+    """A support is a mass of 10⁸ under a load that moves it as the support's ground moves."""
+    law, friction, dashpots = LAWS[name]
+    own = bridge(law, FIRST, SECOND, friction, dashpots=dashpots)
+    response = jp.simulate(own, (AT_0, AT_1, AT_2), GRID)
+    heavy = 1e8
+    weak = [jp.Rod(SPRING, 1.0, (mass, G)) for mass in (2, 3)]
+    beside = bridge(law, 2, 3, friction, (heavy, heavy), weak, dashpots)
+    loads = {2: lambda t: heavy * AT_1(t), 3: lambda t: heavy * AT_2(t)}
+    expected = jp.simulate(beside, AT_0, GRID, loads=loads)
+    for mass in (0, 1):
+        for field in ("x", "v"):
+            pair = [getattr(y.masses[mass], field) for y in (response, expected)]
+            np.testing.assert_allclose(*pair, atol=1e-4)
+    for support, mass in zip(response.supports[1:], expected.masses[2:], strict=True):
+        np.testing.assert_allclose(support.displacement, mass.x, atol=2e-5)
+        # That of a mass lacks the mean of its load half a step before and after.
+        np.testing.assert_allclose(support.velocity, mass.v, atol=2e-4)
+    for link, other in zip(response.links, expected.links, strict=True):
+        np.testing.assert_allclose(link.gap, other.gap, atol=2e-5)
+    for rod, other in zip(response.demand.rods, expected.demand.rods[2:], strict=True):
+        assert float(rod.peak_force) == pytest.approx(float(other.peak_force), rel=1e-3)
+    if law is not None:
+        assert any(link.n_impacts > 0 for link in response.demand.links)
+        assert followed_contacts(response).keys() == followed_contacts(expected).keys()
+    assert float(response.energy.relative_residual) < 5e-3
+
+
+def test_all_supports_move_alike_under_one_motion_and_an_infinite_velocity():
+    """Two equal spans keep their gap; a single motion is that of all supports."""
+    spans = [jp.Rod(STEEL, 5.0, (mass, end)) for mass, end in enumerate((G, FIRST))]
+    pair = jp.System((1.0, 1.0), spans, [jp.Link((0, 1), gap=0.1)])
+    together = jp.simulate(pair, jp.travelling(AT_0, np.inf, (0.0, 100.0)), GRID)
+    assert float(together.demand.min_gap) == 0.1
+    one = jp.simulate(pair, AT_0, GRID)
+    np.testing.assert_array_equal(one.masses[0].x, together.masses[0].x)
+    assert float(jnp.abs(one.supports[1].displacement).max()) == 0.0
+
+
+def test_equal_spans_half_a_period_apart_move_against_each_other():
+    """Steady vibration at ω: total displacements ∓ H(ω) u, with H = K*/(K* − m ω²)."""
+    omega, amplitude = 2 * np.pi / 1.6, 0.01
+    spans = [jp.Rod(jp.ZenerRod(1.0, 0.02, 0.08), 5.0, (m, e)) for m, e in enumerate((G, FIRST))]
+    pair = jp.System((1.0, 1.0), spans, [jp.Link((0, 1), gap=0.1)])
+    wave = jp.travelling(
+        lambda t: -amplitude * omega**2 * jnp.sin(omega * t), 200.0, (0.0, 200.0 * 0.8)
+    )
+    grid = jp.TimeGrid.until(80.0, 0.02)
+    response = jp.simulate(pair, wave, grid)
+    stiffness = 5.0 * complex(spans[0].material.complex_modulus(omega))
+    transfer = abs(stiffness / (stiffness - omega**2))
+    steady = grid.times() > 60.0
+    # The velocity of the ground starts with a jump, so that supports drift apart.
+    apart = np.asarray(response.masses[0].x - response.masses[1].x)[steady]
+    drift = np.polyfit(grid.times()[steady], apart, 1)
+    size = np.ptp(apart - np.polyval(drift, grid.times()[steady])) / 2
+    assert size == pytest.approx(2 * transfer * amplitude, rel=5e-3)
+
+
+def test_batches_precisions_and_derivatives_by_the_velocity_of_a_wave():
+    system = bridge(jp.KelvinVoigt(4e3, 0.6), FIRST, SECOND, 0.0, dashpots=False)
+
+    def gap(velocity):
+        wave = jp.travelling(jp.Ricker(0.2, 1.5, 2.0), velocity, (0.0, 0.3, 0.8))
+        return jp.demand(system, wave, GRID).min_gap
+
+    velocities = jnp.array([0.6, 1.0])
+    gaps, slopes = jax.vmap(jax.value_and_grad(gap))(velocities)
+    for velocity, value, slope in zip(velocities, gaps, slopes, strict=True):
+        assert float(gap(velocity)) == pytest.approx(float(value), rel=1e-12)
+        difference = (gap(velocity + 1e-5) - gap(velocity - 1e-5)) / 2e-5
+        assert float(difference) == pytest.approx(float(slope), rel=1e-4)
+    single = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), deck())
+    wave = jp.travelling(jp.Ricker(0.2, 1.5, 2.0), 1.0, (0.0, 0.3))
+    wave = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), wave)
+    response = jp.simulate(single, wave, jp.TimeGrid.until(2.0, 0.02))
+    assert response.supports[1].displacement.dtype == jnp.float32
+
+
+def test_buildings_stand_on_supports_in_si_and_results_name_them():
+    pier = jp.Building.from_period(mass=900e3, period=0.8, damping_ratio=0.05)
+    law = jp.KelvinVoigt(stiffness=4e9, restitution=0.65)
+    links = [
+        jp.FloorLink(0, 0, gap=0.08, contact=law),
+        jp.FloorLink(1, 0, gap=0.06, contact=law, next_building=jp.support(2)),
+    ]
+    decks = jp.Buildings((pier, pier), links, supports=(0, 1))
+    pulse = jp.Ricker(0.03, 0.9, 2.0)
+    wave = jp.travelling(pulse, velocity=400.0, distances=(0.0, 60.0, 120.0))
+    grid = jp.TimeGrid.until(10.0, 0.01)
+    response = jp.simulate(decks, wave, grid)
+    assert decks.system().topology.rods == ((0, -1), (1, FIRST))
+    assert [str(link) for link in decks.links] == ["1–2, floor 1", "2–support 3, floor 1"]
+    assert len(response.supports) == 3
+    later = np.interp(grid.times() - 0.15, grid.times(), np.asarray(response.ground_acceleration))
+    np.testing.assert_allclose(response.supports[1].acceleration, later, atol=0.05)
+    names = response._index_and_columns()[1]
+    assert "support_displacement_2_m" in names
+    assert "support_acceleration_3_m_per_s2" in names
+    assert "2–support 3, floor 1" in str(response)
+
+
+def gapless(number):
+    return jp.Buildings((jp.Building(1e5, 1e7),), supports=(number,) * 2)
+
+
+test_wrong_supports_are_refused = refusals(
+    (jp.support, -1, "number = -1 must be a whole number from 0 on"),
+    (jp.Rod, SPRING, 1.0, (FIRST, G), "must be two different masses"),
+    (jp.simulate, deck(), (AT_0, AT_1, AT_2), GRID, "motions of 3 supports, must be of 2: struct"),
+    (jp.demand, deck(), 2 * jp.ground.SupportMotions((AT_0,) * 3), GRID, "motions of 3 supports"),
+    (jp.travelling, AT_0, 0.0, (0.0,), "velocity = 0 must be positive"),
+    (jp.travelling, AT_0, 1.0, (0.0, -1.0), r"distances\[1\] = -1 must be finite and ≥ 0"),
+    (jp.travelling, (AT_0, AT_1), 1.0, (0.0, 1.0), "must be one motion"),
+    (gapless, 1, r"supports = \(1, 1\) must be a whole number .* each of the 1 buildings"),
+)
