@@ -18,7 +18,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, records_in, require_ground
 from jaxpound.ground.plausibility import first_of
 from jaxpound.ground.record import Record, derived
-from jaxpound.ground.run_input import all_in_g, sampled
+from jaxpound.ground.run_input import all_in_g, all_sampled
 from jaxpound.ground.wavelets import Ricker
 from jaxpound.model.parameters import get, paths
 from jaxpound.scenarios.sampling import as_key, key_numbers, points, require_sampling
@@ -72,7 +72,7 @@ class Ensemble:
         waves = [ground for ground in motions if isinstance(ground, Ricker)]
         records = [ground for ground in motions if isinstance(ground, Record)]
         if len(waves) + len(records) < len(motions):
-            return Ensemble(_stacked([sampled(ground, grid) for ground in motions]), {}, unit)
+            return Ensemble(_stacked([all_sampled(ground, grid) for ground in motions]), {}, unit)
         if not (waves and records):
             return Ensemble(_stacked(_as_long(motions)), {}, unit)
         # Wavelets get a record of zeros, and records a wavelet of zero amplitude.

@@ -21,6 +21,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Ground, GroundLike, as_motion, records_in
 from jaxpound.ground.run_input import sampled
 from jaxpound.ground.sequences import sequences_in
+from jaxpound.ground.supports import at_support, n_supports
 from jaxpound.quantities import STANDARD_GRAVITY
 
 LARGE_PGA = 5.0  # peak ground acceleration, g: the largest recorded are about 4
@@ -211,7 +212,11 @@ def of_many(grounds: Ground, grid: TimeGrid, *, in_g: bool) -> list[str]:
 
 @partial(jax.jit, static_argnames="grid")
 def _pgas(grounds: Ground, grid: TimeGrid) -> jax.Array:
-    return jax.vmap(lambda ground: jnp.abs(sampled(ground, grid).samples).max())(grounds)
+    def pga(ground: Ground) -> jax.Array:
+        motions = [at_support(ground, k) for k in range(max(n_supports(ground), 1))]
+        return jnp.stack([jnp.abs(sampled(x, grid).samples).max() for x in motions]).max()
+
+    return jax.vmap(pga)(grounds)
 
 
 def _share(count: int, n: int) -> str:

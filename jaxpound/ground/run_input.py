@@ -41,12 +41,20 @@ def instants(grid: TimeGrid, tree: Any) -> Float[Array, " n_steps+1"]:
     return jnp.asarray(np.arange(grid.n_steps + 1, dtype=dtype) * np.asarray(grid.dt, dtype))
 
 
-def sampled(ground: GroundLike, grid: TimeGrid) -> GroundMotion:
-    """The ground motion at the instants of a time grid; each value must be a finite real number."""
+def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
+    """The motion of the ground, or of support 0, at the instants of a time grid.
+
+    Each value must be a finite real number.
+    """
     motion.require_ground("ground", ground)
-    if n := n_supports(ground):
-        return motion.SupportMotions(tuple(sampled(at_support(ground, k), grid) for k in range(n)))
     return Sampled(motion.as_motion(ground).samples_at(grid.times()), grid.dt)
+
+
+def all_sampled(ground: GroundLike, grid: TimeGrid) -> GroundMotion:
+    """``sampled``, of each support."""
+    n = n_supports(ground)
+    each = tuple(sampled(at_support(ground, k), grid) for k in range(max(n, 1)))
+    return motion.SupportMotions(each) if n else each[0]
 
 
 def require_time_unit(name: str, ground: Any, *, si: bool = False) -> None:

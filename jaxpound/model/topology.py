@@ -209,8 +209,8 @@ def joined_ends(n: int, edges: Iterable[AnyEnds]) -> tuple[dict[int, int], list[
     """
     group, tree = {end: end for end in range(GROUND, n)}, list[int]()
     for k, ends in enumerate(edges):
-        joined = ends.masses if isinstance(ends, WeightedMasses) else ends
-        joined = {group[max(end, GROUND)] for end in joined}
+        all_ends = ends.masses if isinstance(ends, WeightedMasses) else ends
+        joined = {group[max(end, GROUND)] for end in all_ends}
         if len(joined) > 1:
             low = min(joined)
             group = {end: low if member in joined else member for end, member in group.items()}

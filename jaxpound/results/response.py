@@ -496,7 +496,7 @@ def _holding(response: Response) -> list[Any]:
 
 def _work_of_blows(response: Response) -> Any:
     """Work until each instant of supports by impacts without duration, of ``Newton``'s law."""
-    time, work = jnp.asarray(response.time), 0.0
+    time, work = jnp.asarray(response.time), 0 * jnp.asarray(response.time)
     for link in response.links:
         support, weight = moving_ends(link)[0]
         if link.impacts is None or support >= 0:

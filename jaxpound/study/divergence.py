@@ -13,7 +13,7 @@ from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import pytree_dataclass, quantity
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
-from jaxpound.ground.run_input import as_run, sampled
+from jaxpound.ground.run_input import all_sampled, as_run
 from jaxpound.model import parameters
 from jaxpound.model.system import Structures, gravity_of, in_si
 from jaxpound.simulation.run import simulate
@@ -94,7 +94,7 @@ def perturbation_growth(
     require_stable(structures, scheme, grid.dt)
     ground_motion = as_run(ground, scheme.finest(grid), gravity_of(structures))
     if in_si(structures):  # the system below knows no unit of time
-        ground_motion = sampled(ground_motion, scheme.finest(grid))
+        ground_motion = all_sampled(ground_motion, scheme.finest(grid))
     if not is_traced((system, ground_motion)):
         warn(imprecise(system, grid, ground_motion), strict=False)
     paths = [f"links.{k}.gap" for k in touching]

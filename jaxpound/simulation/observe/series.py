@@ -102,8 +102,8 @@ def response_of(
     for k in range(1, system.topology.n_supports + 1):  # which has a bulge of its own
         own = as_motion(at_support(ground, k))
         less = own.velocity_and_bulge(time, grid.dt)[1].astype(rest.dtype).at[0].set(0)
-        numbers = stored.x[-k], v[-k] - less, _acceleration(own, time, rest)
-        supports.append(SupportResponse(*numbers))
+        moved = stored.x[-k], v[-k] - less, _acceleration(own, time, rest)
+        supports.append(SupportResponse(*moved))
     damping, loads = (y or (None,) * n for y in (stored.damping, stored.loads))
     numbers = zip(
         stored.x[:n], v[:n], system.masses, system.influences, damping, loads, strict=True
