@@ -3,6 +3,7 @@
 from benchmarks.verification import (
     collisions,
     columns,
+    corners,
     coulomb_decay,
     damping,
     den_hartog,
@@ -28,6 +29,7 @@ CASES = {
     "paper_case": paper_case.case,
     "rows": rows.case,
     "columns": columns.case,
+    "corners": corners.case,
     "yielding": yielding.case,
     "energy": energy.case,
     "gradients": gradients.case,
