@@ -16,6 +16,7 @@ from benchmarks.verification import (
     rods,
     rows,
     siconos_peer,
+    supports,
     yielding,
 )
 
@@ -30,6 +31,7 @@ CASES = {
     "rows": rows.case,
     "columns": columns.case,
     "corners": corners.case,
+    "supports": supports.case,
     "yielding": yielding.case,
     "energy": energy.case,
     "gradients": gradients.case,

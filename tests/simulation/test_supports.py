@@ -9,6 +9,9 @@ from scipy.integrate import solve_ivp
 import jaxpound as jp
 from jaxpound.plots.contact_paths import followed_contacts
 from tests.refusals import refusals
+from tests.simulation.pairs import SHAKING
+from tests.simulation.test_weights import GRID as COARSE
+from tests.simulation.test_weights import INSTANTS, STEPS, along, floats, reference, relative_way
 
 G, SPRING = jp.GROUND, jp.model.Spring()
 STEEL = jp.ZenerRod(0.6, 0.05, 0.2)
@@ -203,6 +206,59 @@ def test_buildings_stand_on_supports_in_si_and_results_name_them():
     assert "support_displacement_2_m" in names
     assert "support_acceleration_3_m_per_s2" in names
     assert "2–support 3, floor 1" in str(response)
+
+
+LINEAR = jp.ZenerRod(1.0, 0.03, 0.12)
+MOVED = 1.7  # share of the ground's motion that support 1 moves the other way, relative to it
+CONTACT = {"kelvin": jp.KelvinVoigt(150.0, 0.6), "newton": jp.Newton(0.6)}
+CASES = [("kelvin", True), ("kelvin", False), ("newton", True)]
+
+
+def two_decks(law, sliding, end, masses=(), rods=()):
+    """Two decks, one on support 1, with a joint between them and one at its abutment.
+
+    Without friction there is one at the other abutment, too, and joints close a ring.
+    """
+    stiffnesses = ((0, G), 5.0), ((1, end), 7.0), ((0, end), 1.0)
+    rods = [*(jp.Rod(LINEAR, k, ends) for ends, k in stiffnesses), *rods]
+    joints = [jp.Link((0, 1), 0.03 * sliding, 0.05, CONTACT[law])]
+    joints.append(jp.Link((1, end), 0.02 * sliding, 0.04, CONTACT[law]))
+    if not sliding:
+        joints.append(jp.Link((G, 0), 0.0, 0.06, CONTACT[law]))
+    shares = (1.0, 1.0, MOVED)[: 2 + len(masses)]
+    return jp.System((1.0, 0.8, *masses), rods, joints, influence=shares)
+
+
+def errors_of(law, sliding, steps=STEPS):
+    """Of displacements, and of their derivative along a way of all numbers, at each step.
+
+    The reference has a mass of 10¹⁰ in the place of support 1. By Newton's law it is the median of
+    the derivative's (see ``test_weights``).
+    """
+    own = two_decks(law, sliding, FIRST)
+    heavy = two_decks(law, sliding, 2, (1e10,), [jp.Rod(LINEAR, 1.0, (2, G))])
+    way = relative_way(heavy, 1)
+    path, slope, kinds = reference(heavy, way)
+    assert kinds.count("touch") > 5
+    leaves, n = jax.tree.leaves(way), 3 + 4 * len(own.rods)
+    numbers = [*leaves[:2], *leaves[3:n], *leaves[n + 4 :]]  # without the mass and its rod
+    way = jax.tree.unflatten(jax.tree.structure(own), numbers)
+    size = (lambda z: np.median(np.abs(z))) if law == "newton" else np.linalg.norm
+    wave, errors = jp.ground.SupportMotions((SHAKING, (1 - MOVED) * SHAKING)), []
+    for step in steps:
+        series = along(floats(own), floats(way), step / COARSE.dt, floats(wave))
+        unit = round(COARSE.dt / step)
+        x, along_way = (np.asarray(y)[unit::unit][: len(INSTANTS)] for y in series)
+        of_path = np.linalg.norm(x - path[:, :2]) / np.linalg.norm(path[:, :2])
+        errors.append((of_path, size(along_way - slope[:, :2]) / size(slope[:, :2])))
+    return np.array(errors).T.tolist()
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_decks_that_pound_on_supports_that_move_apart_are_of_second_order(case):
+    errors = np.array(errors_of(*case))
+    assert (errors[:, 0] > 10 * errors[:, -1]).all(), errors  # 16 would be of second order
+    assert (errors[:, -1] < (1e-3, 5e-3)).all(), errors
 
 
 def gapless(number):

@@ -214,12 +214,14 @@ def dense(seed, n, n_joints, law):
 
 
 def weighted(ends, weights):
-    """Masses with weights; two ends are those of the reference."""
+    """Masses with weights, of two ends 1 and −1; two ends are those of the reference."""
+    if not weights:
+        return tuple((end, sign) for end, sign in zip(ends, (1.0, -1.0), strict=True) if end != G)
     return tuple(zip(ends.masses, map(float, weights), strict=True))
 
 
 def frame_of(system):
-    """The reference's masses, springs, sliders and faces of a system whose ends have weights."""
+    """The reference's masses, springs, sliders and faces of a system."""
     rods = tuple(
         exact.Spring(rod.stiffness, rod.material.tau_f, rod.material.tau_x, ends)
         for rod in system.rods
@@ -227,7 +229,7 @@ def frame_of(system):
     )
     sliders, faces = [], []
     for link in system.links:
-        if link.ends.side > 0:  # a left face has the weights of the right face before it
+        if getattr(link.ends, "side", 1) > 0:  # a left face has the weights of the right face before it
             ends = weighted(link.ends, link.weights)
             sliders.append(exact.Slider(link.friction, ends))
         if isinstance(link.contact, jp.Newton):
@@ -236,7 +238,7 @@ def frame_of(system):
             mass = exact.effective_mass(ends, system.masses)
             law = exact.kelvin_voigt(link.contact.stiffness, link.contact.restitution, mass)
         if link.contact is not None:
-            faces.append(exact.Face(len(sliders) - 1, link.ends.side, float(link.gap), law))
+            faces.append(exact.Face(len(sliders) - 1, getattr(link.ends, "side", 1), float(link.gap), law))
     return exact.Frame(system.masses, rods, tuple(sliders), tuple(faces), system.influences)
 
 
