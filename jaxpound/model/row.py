@@ -18,7 +18,7 @@ from jaxpound.model.building import Building
 from jaxpound.model.column import Column
 from jaxpound.model.contact import ContactLaw, KelvinVoigt, Newton
 from jaxpound.model.dampers import Inerter, VelocityFriction
-from jaxpound.model.places import column_place, homes, link_place
+from jaxpound.model.places import TUNED, column_place, homes, link_place
 from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import (
@@ -204,9 +204,8 @@ class Row:
     def __post_init__(self) -> None:
         object.__setattr__(self, "links", by_face(as_tuple("links", self.links)))
         check(self)
-        floors = [len(building.masses) for building in self.buildings]
-        require_floors(floors, self.links, LinkLabels())
-        if any(link.column for link in self.links):
+        require_floors([x.n_ends for x in self.buildings], self.links, LinkLabels())
+        if any(x.column for x in self.links) or any(x.heights for x in self.buildings):
             require_independent(self.system())
 
     @property
@@ -218,18 +217,39 @@ class Row:
         """Masses, rods and links, building by building."""
         starts = _first_floors([len(building.masses) for building in self.buildings])
         masses, rods, links, tuned = list[Any](), list[Rod](), list[Link](), list[int]()
-        damping = list[Rod]()
+        damping, influence = list[Rod](), list[float]()
         for building, first in zip(self.buildings, starts, strict=False):
             masses += building.masses
             damping += building.damping_from(first)
-            tuned += range(first + building.n_floors, len(masses))
+            influence += building.influences
+            tuned += range(first + building.n_floors, first + building.n_storeys)
             rods += building.rods_from(first)
         for x in self.links:
             between = {name: getattr(x, name) for name in BETWEEN}
-            links.append(unchecked(Link, ends=_ends(x, starts), **(between | _at_column(x))))
+            links.append(unchecked(Link, **(between | self._joint(x, starts, links))))
         kept, dampers = without_dampers(links)
         parts = {"rods": (*rods, *dampers), "links": kept, "damping": tuple(damping)}
+        if 0.0 in influence:
+            parts["influence"] = tuple(influence)
         return unchecked(System, masses=tuple(masses), tuned=tuple(tuned), **parts)
+
+    def _joint(self, link: FloorLink, starts: Sequence[int], before: Sequence[Link]) -> Any:
+        """Ends, weights and, at a column, law of a link behind those ``before`` it.
+
+        Within a building on soil, and from it to its footing, they leave out a rigid rotation.
+        """
+        if link.column is not None:
+            b = link.building + (link.column.side != "left")
+            return _at_column(link, _ends(link, starts), self.buildings[b], starts[b])
+        if link.other_building not in (link.building, GROUND):
+            return {"ends": _ends(link, starts)}
+        building, first = self.buildings[link.building], starts[link.building]
+        joint = building.between(link.floor, link.other_floor, first)
+        if link.side == "right":
+            return joint
+        if before and before[-1].ends == joint["ends"] and building.heights:
+            return {"ends": joint["ends"]._replace(side=-1)}
+        return building.between(link.other_floor, link.floor, first)
 
 
 def by_face(links: Sequence[Any]) -> tuple[Any, ...]:
@@ -386,11 +406,11 @@ def checked_floors(topology: Topology | None, gaps: Sequence[Any]) -> str:
     numbers or arrays by link, infinite or empty without a gap.
     """
     home = homes(topology) if topology else {}
-    sizes, walls = Counter(building for building, _ in home.values()), set[Ends]()
+    sizes, walls = Counter(b for b, floor in home.values() if floor >= TUNED), set[Ends]()
     joined: dict[tuple[int, ...], set[Ends]] = {}
     for ends, gap in zip(topology.links if home and topology else (), gaps, strict=False):
         if np.any(np.isfinite(np.asarray(gap, float))):
-            floors = {home[mass] for mass in masses_of(ends)}
+            floors = {home[mass] for mass in masses_of(ends) if home[mass][1] >= TUNED}
             pair = tuple(sorted({building for building, _ in floors}))
             if isinstance(ends, WeightedMasses) and ends.column:  # the floor, and not what it hits
                 floors = {home[ends.masses[0]]}
@@ -488,17 +508,23 @@ def _ends(link: FloorLink, starts: Sequence[int]) -> AnyEnds:
     return (other, end) if link.side == "left" else (end, other)
 
 
-def _at_column(link: FloorLink) -> dict[str, Any]:
-    """The weights and the law of a link at a column, which moves as floors and it do."""
-    if (column := link.column) is None:
-        return {}
+def _at_column(link: FloorLink, ends: Any, owner: Storeys, first: int) -> dict[str, Any]:
+    """Ends, weights and law of a link at a column of ``owner``, which moves as floors and it do."""
+    column: Any = link.column
     if column.position is None or column.height is None:
         rule = "must have position and height where buildings have no elevations"
         raise InvalidInput(f"link {link}: column", "", rule)
     sign, w = -1.0 if column.side == "left" else 1.0, column.weight
     storey = link.floor if column.side == "left" else link.other_floor
     weights = (sign, -sign * w, -sign * (1 - w))[: 2 + (storey > 0)]
-    return {"weights": weights, "column": column, "contact": column.behind(link.contact)}
+    if owner.heights:  # the point turns with the storey
+        footing, (hit, above, *_) = first + owner.n_storeys, ends.masses
+        masses = (hit, above, above - 1 if storey else footing, footing + 1)
+        turn = (column.position - w) * owner.heights[storey]
+        weights = sign, -sign * w, -sign * (1 - w), -sign * turn
+        ends = ends._replace(masses=masses)
+    behind = column.behind(link.contact)
+    return {"ends": ends, "weights": weights, "column": column, "contact": behind}
 
 
 def at_elevations(link: FloorLink, buildings: Sequence[Any], name: str) -> FloorLink:
