@@ -108,14 +108,14 @@ class StepConstants(NamedTuple):
         return RunState(x, v, rods, tuple(kind.start(zero, x, v) for kind in self.joints), owed)
 
     def free_accelerations(
-        self, forces: Sequence[jax.Array], more: Sequence[Any] | None = None
+        self, forces: Sequence[Any], more: Sequence[Any] | None = None
     ) -> list[Any]:
         """Accelerations −M⁻¹ Bᵀ f of the masses by the forces f of the rods, and by ``more``."""
         loads = self.loads(forces, more)
         # As quotients XLA computes them once; it computes products again for each use.
         return [load / mass for load, mass in zip(loads, self.masses, strict=True)]
 
-    def loads(self, forces: Sequence[jax.Array], more: Sequence[Any] | None = None) -> list[Any]:
+    def loads(self, forces: Sequence[Any], more: Sequence[Any] | None = None) -> list[Any]:
         """Loads −Bᵀ f on the masses by the forces f of the rods, and ``more`` loads."""
         loads = [load_on(mass, self.rod_ends, forces) for mass in range(len(self.masses))]
         if more is None:
