@@ -272,10 +272,8 @@ def test_bearings_stand_on_the_footing():
     system = jp.Buildings((on_disk(frame=base),), links).system()
     assert weighted(system.links[0]) == ((0, 1.0), (3, -1.0), (4, -0.5))
     assert weighted(system.rods[0]) == weighted(system.links[0])
-    yields = (
-        on_disk(frame=_frame(2)).yielding(base_shear_coefficient=0.2, hardening=0.1).with_p_delta()
-    )
-    assert yields.footing is not None
+    yields = on_disk(frame=_frame(2)).yielding(base_shear_coefficient=0.2, hardening=0.1)
+    assert yields.with_p_delta().footing is yields.footing is not None
 
 
 test_wrong_numbers_are_refused = refusals(

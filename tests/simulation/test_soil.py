@@ -66,10 +66,8 @@ def frame_of(row):
         springs.append(exact.Spring(float(link.damper.stiffness), 1.0, 1.0, ends))
         dashpots.append(exact.Dashpot(float(link.damper.material.coefficient), ends))
     ends = exact.between(0, 3)
-    mass = exact.effective_mass(ends, masses)
-    law = exact.kelvin_voigt(
-        float(impact.contact.stiffness), float(impact.contact.restitution), mass
-    )
+    numbers = float(impact.contact.stiffness), float(impact.contact.restitution)
+    law = exact.kelvin_voigt(*numbers, exact.effective_mass(ends, masses))
     faces = (exact.Face(0, 1, float(impact.gap), law),)
     sliders = (exact.Slider(0.0, ends),)
     return exact.Frame(masses, tuple(springs), sliders, faces, influence, tuple(dashpots))
