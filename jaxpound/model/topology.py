@@ -33,6 +33,15 @@ class WeightedMasses(NamedTuple):
 AnyEnds = Ends | WeightedMasses
 
 
+def stored_ends(ends: Any) -> AnyEnds:
+    """Ends whose tuples may be the lists of a file."""
+    first, *others = ends
+    if not isinstance(first, list | tuple):
+        return first, *others
+    weighted = WeightedMasses(tuple(first), *others)
+    return weighted._replace(between=weighted.between and tuple(weighted.between))  # type: ignore[arg-type]
+
+
 def masses_of(ends: AnyEnds) -> tuple[int, ...]:
     """The masses at the ends of a rod or a link, without the ground."""
     if isinstance(ends, WeightedMasses):
