@@ -29,7 +29,7 @@ from jaxpound.cli.tables import FACTOR_ON_RECORD
 from jaxpound.ground.plausibility import OFFSET
 from jaxpound.ground.reader import require_possible
 from jaxpound.model.places import link_places
-from jaxpound.model.system import without_dampers
+from jaxpound.model.system import in_parallel
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY, column
 from jaxpound.results.element_demands import RodDemand
 from jaxpound.results.impacts import ImpactSeries
@@ -239,11 +239,6 @@ def _of_storey(rod: RodDemand) -> dict[str, float]:
     return {key: kinds.get(key, float)(getattr(rod, x)) for x, key in columns.items()}
 
 
-def _n_rods(link: jp.FloorLink) -> int:
-    """Number of rods of the damper of a link: with a spring beside a dashpot they are two."""
-    return len(without_dampers([link])[1])
-
-
 def _of_soil(building: jp.ShearBuilding, footing: int, demand: jp.Demand) -> dict[str, Any] | None:
     """The effect of the soil, and what the footing of a number has borne; None without soil."""
     if building.footing is None:
@@ -262,8 +257,11 @@ def _of_soil(building: jp.ShearBuilding, footing: int, demand: jp.Demand) -> dic
 
 def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:
     links, demand = layout.buildings.links, response.demand.links[k]
-    link, before = links[k], sum(map(_n_rods, links[:k]))
-    last = len(response.masses) + before + _n_rods(link) - 1  # a dashpot is behind its spring
+    link, dampers = (
+        links[k],
+        [rod for x in links[: k + 1] if x.damper for rod in in_parallel(x.damper)],
+    )
+    last = len(response.masses) + len(dampers) - 1  # a dashpot is behind its spring
     damper = response.demand.rods[last] if link.damper else None
     ground = link.other_floor == jp.GROUND
     return {

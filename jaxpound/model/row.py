@@ -19,7 +19,7 @@ from jaxpound.model.column import Column
 from jaxpound.model.contact import ContactLaw, KelvinVoigt, Newton
 from jaxpound.model.dampers import Inerter, VelocityFriction
 from jaxpound.model.places import TUNED, column_place, homes, link_place
-from jaxpound.model.shear_building import ShearBuilding
+from jaxpound.model.shear_building import ShearBuilding, storeys_of
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import (
     Link,
@@ -567,6 +567,8 @@ def require_heights(
         left, right = buildings[link.building], buildings[link.other_building]
         if (link.floor, link.other_floor) not in common_floors(left, right):
             ends = (left, link.floor), (right, link.other_floor)
-            low, high = (np.cumsum(building.heights)[floor] for building, floor in ends)
+            if all(floor == len(storeys_of(building)) for building, floor in ends):
+                continue  # footings
+            low, high = (np.append(np.cumsum(x.heights), 0.0)[floor] for x, floor in ends)
             rule = "must be at one height; next_floor says which floor is meant where none is"
             raise labels.invalid(k, f"{link}, at {low:g} m and {high:g} m,", "", rule)

@@ -462,13 +462,18 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
                 rule = f"must be left out, or those of the link, {link.ends}"
                 raise InvalidInput("damper.ends", str(damper.ends), rule)
             ends = {"ends": link.ends, "weights": getattr(link, "weights", ())}
-            if isinstance(damper.material, Dashpot) and damper.stiffness is not None:
-                rods.append(unchecked(Rod, **vars(damper) | ends | {"material": Spring()}))
-                damper = unchecked(Rod, **vars(damper) | {"stiffness": None})
-            rods.append(unchecked(Rod, **vars(damper) | ends))
+            rods += [unchecked(Rod, **vars(rod) | ends) for rod in in_parallel(damper)]
             link = replace(link, damper=None)
         kept.append(link)
     return tuple(kept), tuple(rods)
+
+
+def in_parallel(damper: Rod) -> tuple[Rod, ...]:
+    """The rods of a link's damper: of a dashpot with a stiffness a spring, and the dashpot."""
+    if not isinstance(damper.material, Dashpot) or damper.stiffness is None:
+        return (damper,)
+    parts = {"material": Spring()}, {"stiffness": None}
+    return tuple(unchecked(Rod, **vars(damper) | part) for part in parts)
 
 
 ONE_LINK = "must not be those of a link before it: gap=(left, right) makes a link of two faces"
