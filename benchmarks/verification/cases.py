@@ -15,6 +15,7 @@ from benchmarks.verification import (
     rods,
     rows,
     siconos_peer,
+    soil,
     yielding,
 )
 
@@ -28,6 +29,7 @@ CASES = {
     "paper_case": paper_case.case,
     "rows": rows.case,
     "columns": columns.case,
+    "soil": soil.case,
     "yielding": yielding.case,
     "energy": energy.case,
     "gradients": gradients.case,
