@@ -401,9 +401,9 @@ class ShearBuilding:
         >>> clay = jp.Soil(shear_wave_velocity=150, density=1800, poisson_ratio=1 / 3)
         >>> jp.on_soil(frame, clay, radius=6, footing_mass=200e3).soil_effect()
         First mode on soil
-                           on rigid ground   on soil
-            period (s)                   1     1.036
-            damping ratio          0.04997   0.04869
+                           on rigid ground  on soil
+            period (s)                   1    1.036
+            damping ratio          0.04997  0.04869
             ratio of periods 1.0361, damping ratio added by radiation 0.0038
         """
         if self.footing is None:
