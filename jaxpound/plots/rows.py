@@ -115,7 +115,7 @@ def row(
     extra = [*map(len, inside.values()), *(text.count("\n") for x in numbers for text, _ in x)]
     storey_inches = _STOREY + _LINE * max(extra, default=0)
     soil = bool(footings(system.topology))
-    deep = soil * storey * (_SLAB + 2.2 * _LINE) / storey_inches
+    deep = soil * storey * (_SLAB + 2.9 * _LINE) / storey_inches
     if ax is None:
         inches = storey_inches * (top + deep - min(feet)) / storey + 0.7
         across = right + space[0][0]
@@ -236,7 +236,7 @@ def _footings(
         ax.add_patch(Rectangle((left, foot - slab), _WIDTH, slab, **style))
         up = foot - slab / 2
         for i, text in enumerate(words):
-            down = slab / 2 + (i - 0.2) * line if i else 0.0
+            down = slab / 2 + (1.25 * i - 0.4) * line if i else 0.0
             text_at(ax, left + _WIDTH / 2, up - down, text, colour)
         places[footing] = left, up, foot
     return places
