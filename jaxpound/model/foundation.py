@@ -33,9 +33,9 @@ def on_soil(
     """A building on a rigid footing that sways and rocks on soil, with radiation of waves.
 
     Springs and dashpots of the cone model (Wolf 1994; Veletsos and Meek 1974) are those of
-    ``Footing``. The ground of the building's storeys, of its dashpots and of links from its floors
-    to ``GROUND`` is the footing, with which floors turn: so bearings, walls and tuned masses are
-    put in place before.
+    ``Footing``. The ground of the building's storeys and dashpots, and of links from its floors to
+    ``GROUND``, is the footing, and what acts within the building acts on motions relative to the
+    rigid one of the footing. Bearings and tuned inerters are put in place before.
 
     Raises ``ValueError`` if the building is on soil already, the mass of the footing is below 1e-4
     times that of the building, or a value breaks its rule.

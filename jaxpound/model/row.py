@@ -61,7 +61,7 @@ class FloorLink:
     building
         The building on the left.
     floor
-        Its floor.
+        Its floor; the number behind those of floors and tuned masses is a footing on soil.
     next_floor
         The floor at the other end, or ``GROUND``; by default the same, or in a brace that below.
     friction, gap, contact, damper, velocity_friction, inerter
@@ -70,7 +70,8 @@ class FloorLink:
         A tuple (left, right) of gaps, and of laws, makes a link of two faces.
     next_building
         The building at the other end: by default the next one to the right; ``building`` itself
-        for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground.
+        for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground,
+        which of a building on soil is its footing.
     side
         "left" of the left face of a link, where the gap closes as ``building`` moves to the left of
         the other end; a ``Row`` makes it of a link of two faces. "right" by default.

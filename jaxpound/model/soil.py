@@ -38,7 +38,8 @@ class Soil(BatchInSI):
     density
         ρ > 0, kg/m³.
     poisson_ratio
-        ν, from 0 to 0.5 of saturated clay.
+        ν, from 0 to 0.5 of saturated clay. Above 1/3 a mass of soil rocks along with a footing,
+        which is left out, and V_p stays 2 V_s.
 
     Examples
     --------
@@ -58,10 +59,7 @@ class Soil(BatchInSI):
 
     @property
     def axial_wave_velocity(self) -> Any:
-        """V_p of waves below a footing that rocks, m/s: at most 2 V_s, which it is from ν = 1/3.
-
-        Nearly incompressible soil carries a trapped mass along (Wolf 1994); it is left out.
-        """
+        """V_p of waves below a footing that rocks, m/s: at most 2 V_s (Wolf 1994)."""
         ratio = smaller(jnp.asarray(self.poisson_ratio), 1 / 3)
         return self.shear_wave_velocity * jnp.sqrt(2 * (1 - ratio) / (1 - 2 * ratio))
 
