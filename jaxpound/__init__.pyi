@@ -65,6 +65,7 @@ from .model import Rayleigh as Rayleigh
 from .model import Rod as Rod
 from .model import Row as Row
 from .model import ShearBuilding as ShearBuilding
+from .model import Soil as Soil
 from .model import Storeys as Storeys
 from .model import System as System
 from .model import VelocityFriction as VelocityFriction
@@ -74,6 +75,7 @@ from .model import contact_stiffness as contact_stiffness
 from .model import floor_links as floor_links
 from .model import modes as modes
 from .model import on_bearings as on_bearings
+from .model import on_soil as on_soil
 from .model import pushover as pushover
 from .model import support as support
 from .model import tuned_inerter_damper as tuned_inerter_damper

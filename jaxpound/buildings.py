@@ -23,7 +23,7 @@ from jaxpound.model.row import (
     require_floors,
     require_heights,
 )
-from jaxpound.model.shear_building import ShearBuilding, in_units, storeys_of
+from jaxpound.model.shear_building import ShearBuilding, in_units, n_ends, storeys_of
 from jaxpound.model.system import System, as_tuple, is_closable, require_independent
 from jaxpound.model.topology import GROUND
 from jaxpound.model.vibration import Modes, modes
@@ -107,10 +107,10 @@ class Buildings:
             friction = FRICTION.of(f"links.{k}.friction", link.friction)
             laws = [ranges(getattr(link, x), f"links.{k}.{x}.") for x in _LAWS]
             enforce([friction, *gaps, *chain(*laws)])
-        floors = [len(storeys_of(building)) for building in self.buildings]
-        require_floors(floors, self.links, LinkLabels())
+        require_floors(list(map(n_ends, self.buildings)), self.links, LinkLabels())
         require_heights(self.buildings, self.links, LinkLabels())
-        if any(link.column for link in self.links):
+        on_soil = any(getattr(building, "footing", None) for building in self.buildings)
+        if on_soil or any(link.column for link in self.links):
             require_independent(self.system())
 
     @property

@@ -16,6 +16,7 @@ from benchmarks.verification import (
     rods,
     rows,
     siconos_peer,
+    soil,
     supports,
     yielding,
 )
@@ -32,6 +33,7 @@ CASES = {
     "columns": columns.case,
     "corners": corners.case,
     "supports": supports.case,
+    "soil": soil.case,
     "yielding": yielding.case,
     "energy": energy.case,
     "gradients": gradients.case,

@@ -16,7 +16,13 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 from msgspec import Meta
 
 import jaxpound as jp
-from jaxpound.cli.isolation import IsolationSection, TunedMassSection, device_of
+from jaxpound.cli.isolation import (
+    IsolationSection,
+    SoilSection,
+    TunedMassSection,
+    device_of,
+    soil_keys,
+)
 from jaxpound.cli.reading import Form, Section, between, each, named, of_field, refused, says, shown
 from jaxpound.cli.tables import (
     LAWS,
@@ -30,9 +36,9 @@ from jaxpound.cli.tables import (
 from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
 from jaxpound.model.building import DAMPING, PERIOD, ROD
-from jaxpound.model.parameters import paths
+from jaxpound.model.parameters import get, paths
 from jaxpound.model.row import LinkLabels, by_face, require_floors, require_heights
-from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER, storeys_of
+from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER, n_ends, storeys_of
 from jaxpound.model.system import is_closable
 
 _MOST = 1000  # buildings or floors: more are a typing error
@@ -47,7 +53,7 @@ _LISTED = Form(("masses", "stiffnesses", "order", "tau_f", "tau_x"), ("damping",
 _LISTED_SPRINGS = Form(("masses", "stiffnesses", "damping"), _MORE)
 _LISTED_DASHPOTS = Form(("masses", "stiffnesses", "dashpots"), ("damping", *_MORE[:-1]))
 _OF_BUILDING = (*map(Form, (("storeys",), ("published",))), _BY_PERIOD, _BY_ROD)
-OF_STOREYS = ("storeys", "published", "isolation", "tuned_mass")
+OF_STOREYS = ("storeys", "published", "isolation", "tuned_mass", "soil")
 _FLOOR = Form(("building", "floor"), ("next_building", "next_floor"))
 _FLOORS = Form(("building", "floors"), ("next_building",))
 _COMMON = Form(("floors",), ("building",))  # "common" ones, of neighbours
@@ -218,6 +224,7 @@ class BuildingSection(YieldingSection):
     published: str | None = None
     isolation: IsolationSection | None = None
     tuned_mass: TunedMassSection | None = None
+    soil: SoilSection | None = None
 
     def __post_init__(self) -> None:
         self.require_form(*_OF_BUILDING)
@@ -225,11 +232,12 @@ class BuildingSection(YieldingSection):
         self.standing(0)
 
     def standing(self, number: int) -> tuple[jp.ShearBuilding, tuple[jp.FloorLink, ...]]:
-        """Building ``number``, from 0, with its tuned mass, on its bearings; and their links."""
+        """Building ``number``, from 0, with tuned mass, on bearings and soil; and their links."""
         standing: tuple[Any, tuple[Any, ...]] = self.shear(), ()
         if self.tuned_mass is not None:
             standing = self.tuned_mass.on(standing[0], number)
-        return self.isolation.under(*standing, number) if self.isolation else standing
+        building, links = self.isolation.under(*standing, number) if self.isolation else standing
+        return (self.soil.under(building) if self.soil else building), links
 
     def shear(self) -> jp.ShearBuilding:
         """The library's ``ShearBuilding``."""
@@ -337,7 +345,7 @@ class BuildingsLayout(NamedTuple):
             for n, link in by_table
         ]
         labels = LinkLabels(names.__getitem__, " ", first=1)
-        require_floors([len(building.storeys) for building in models], floor_links, labels)
+        require_floors(list(map(n_ends, models)), floor_links, labels)
         require_heights(models, floor_links, labels)
         bearings = tuple(building.isolation for building in buildings)
         return cls(jp.Buildings.of(models, floor_links), tables, bearings)
@@ -378,6 +386,9 @@ def as_toml(buildings: jp.Buildings) -> str:
             series["heights"] = [*building.heights]
         counts = {x: getattr(building, x, 0) for x in ("n_tuned", "n_bearings")}
         yields = _lists(keys_of(storeys[: len(storeys) - counts["n_tuned"]]))
+        footing = getattr(building, "footing", None)
+        soil = [f"{x} = {_written(get(footing, path))}" for x, path in soil_keys(footing).items()]
+        yields += [f"soil = {{{', '.join(soil)}}}"] if soil else []
         lines += ["[[building]]", *yields, "[building.storeys]", *_lists(series)]
         damping = getattr(building, "damping", None)
         if damping is not None or (all(springs) and "dashpots" not in series):

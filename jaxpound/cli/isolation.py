@@ -1,4 +1,4 @@
-"""Bearings under a building with the moat wall around them, and a tuned mass on its roof."""
+"""What is under a building, bearings with a moat wall and soil, and a tuned mass on its roof."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import jaxpound as jp
 from jaxpound.cli.reading import Form, Section, between, named, of_field, refused
 from jaxpound.cli.tables import ContactSection, Gaps, OfClass, of_faces
 from jaxpound.model.isolation import RATE
+from jaxpound.model.parameters import paths
 from jaxpound.model.row import by_face
 from jaxpound.model.shear_building import HEIGHT
 
@@ -55,6 +56,38 @@ class IsolationSection(OfClass):
         with named("isolation:"):
             isolated, all_links = jp.on_bearings(building, self.model(), self.base_mass, **options)
         return isolated, by_face(all_links)
+
+
+class SoilSection(Section):
+    """The soil, and the footing on it: a disk or a rectangle."""
+
+    shear_wave_velocity: Annotated[float, of_field(jp.Soil, "shear_wave_velocity")]
+    density: Annotated[float, of_field(jp.Soil, "density")]
+    poisson_ratio: Annotated[float, of_field(jp.Soil, "poisson_ratio")]
+    footing_mass: Annotated[float, of_field(jp.model.Footing, "mass")]
+    footing_inertia: Annotated[float, of_field(jp.model.Footing, "inertia")] | None = None
+    radius: Annotated[float, of_field(jp.model.Footing, "radius")] | None = None
+    length: Annotated[float, of_field(jp.model.Footing, "length")] | None = None
+    width: Annotated[float, of_field(jp.model.Footing, "width")] | None = None
+    embedment: Annotated[float, of_field(jp.model.Footing, "embedment")] | None = None
+
+    def __post_init__(self) -> None:
+        needed = *paths(jp.Soil), "footing_mass"
+        rectangle = Form((*needed, "length", "width"), ("embedment", "footing_inertia"))
+        self.require_form(Form((*needed, "radius"), ("footing_inertia",)), rectangle)
+
+    def under(self, building: jp.ShearBuilding) -> jp.ShearBuilding:
+        """A building on this soil."""
+        footing = self.stated()
+        with named("soil:"):
+            soil = jp.Soil(*(footing.pop(key) for key in paths(jp.Soil)))
+            return jp.on_soil(building, soil, **footing)
+
+
+def soil_keys(footing: jp.model.Footing | None) -> dict[str, str]:
+    """The paths of a footing's numbers by the keys of a file; none on rigid ground."""
+    names = {"mass": "footing_mass", "inertia": "footing_inertia"}
+    return {names.get(key := path.removeprefix("soil."), key): path for path in paths(footing)}
 
 
 def device_of(link: jp.FloorLink) -> str:

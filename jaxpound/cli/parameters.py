@@ -20,7 +20,7 @@ import jaxpound as jp
 from jaxpound._checks import Range, did_you_mean
 from jaxpound._errors import warn
 from jaxpound.cli.buildings import BuildingsLayout
-from jaxpound.cli.isolation import device_of
+from jaxpound.cli.isolation import device_of, soil_keys
 from jaxpound.cli.reading import File, Section, between, by_key, named, ranges, refused, unknown_key
 from jaxpound.cli.structures import Shaken
 from jaxpound.cli.tables import LAWS, ContactSection, DistributionSpec, drawn
@@ -137,9 +137,11 @@ def _keys(layout: BuildingsLayout) -> dict[str, list[str]]:
                 if np.isfinite(get(of_storey, path)):  # e_u may be infinite
                     owner = floor if key == "mass" else storey
                     keys[f"{owner}.{key}"] = [f"buildings.{b}.storeys.{i}.{path}"]
+        below = {f"soil.{key}": f"footing.{x}" for key, x in soil_keys(building.footing).items()}
         for path in paths(building.damping):
             key = "rayleigh" if path == "ratio" else path
-            keys[f"building.{b + 1}.damping.{key}"] = [f"buildings.{b}.damping.{path}"]
+            below[f"damping.{key}"] = f"damping.{path}"
+        keys |= {f"building.{b + 1}.{key}": [f"buildings.{b}.{x}"] for key, x in below.items()}
     for k, (table, link) in enumerate(zip(layout.tables, layout.buildings.links, strict=True)):
         ends = {"friction_force": "friction"} | ({"gap": "gap"} if is_closable(link.gap) else {})
         for path in (f"{law}.{path}" for law in LAWS for path in paths(getattr(link, law))):

@@ -29,6 +29,7 @@ from jaxpound.cli.tables import FACTOR_ON_RECORD
 from jaxpound.ground.plausibility import OFFSET
 from jaxpound.ground.reader import require_possible
 from jaxpound.model.places import link_places
+from jaxpound.model.system import in_parallel
 from jaxpound.quantities import MOST_PGA, STANDARD_GRAVITY, column
 from jaxpound.results.element_demands import RodDemand
 from jaxpound.results.impacts import ImpactSeries
@@ -204,7 +205,8 @@ def _of_building(
 ) -> dict[str, Any]:
     keys = ("period_s", "damping_ratio", "share_of_mass", "overdamped")
     modes = zip(by.periods, by.damping_ratios, by.participation, by.overdamped, strict=True)
-    heights, base = building.heights[: building.n_floors], float(floors.displacement[0])
+    heights, base = building.heights[: building.n_floors], float(floors.drift[0])
+    footing = floors.masses[0] + len(building.storeys)
     storeys = [(i, _of_storey(demand.rods[mass])) for i, mass in enumerate(floors.masses, 1)]
     above = slice(building.n_bearings, None)  # storeys above bearings
     return {
@@ -219,6 +221,7 @@ def _of_building(
         "base_shear_N": float(floors.shear[0]),
         "yielding": [{"storey": i} | x for i, x in storeys if x],
         "tuned_mass_strokes_m": [] if floors.stroke is None else [*map(float, floors.stroke)],
+        "soil": _of_soil(building, footing, demand),
         "isolation": bearing
         and {  # a spring and a dashpot, at the largest displacement of the base
             "restoring_period_s": float(bearing.model().period),
@@ -236,10 +239,30 @@ def _of_storey(rod: RodDemand) -> dict[str, float]:
     return {key: kinds.get(key, float)(getattr(rod, x)) for x, key in columns.items()}
 
 
+def _of_soil(building: jp.ShearBuilding, footing: int, demand: jp.Demand) -> dict[str, Any] | None:
+    """The effect of the soil, and what the footing of a number has borne; None without soil."""
+    if building.footing is None:
+        return None
+    effect, (sway, rocking) = building.soil_effect(), demand.rods[footing : footing + 2]
+    masses = demand.masses[footing : footing + 2]  # the rotation is that of a lever of 1 m
+    return {
+        "period_ratio": effect.period_ratio,
+        "added_damping": effect.added_damping,
+        "footing_displacement_m": float(masses[0].peak_x),
+        "rotation_rad": float(masses[1].peak_x),
+        "sway_force_N": float(sway.peak_force),
+        "rocking_moment_N_m": float(rocking.peak_force),
+    }
+
+
 def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:
     links, demand = layout.buildings.links, response.demand.links[k]
-    link, before = links[k], sum(x.damper is not None for x in links[:k])
-    damper = response.demand.rods[len(response.masses) + before] if link.damper else None
+    link, dampers = (
+        links[k],
+        [rod for x in links[: k + 1] if x.damper for rod in in_parallel(x.damper)],
+    )
+    last = len(response.masses) + len(dampers) - 1  # a dashpot is behind its spring
+    damper = response.demand.rods[last] if link.damper else None
     ground = link.other_floor == jp.GROUND
     return {
         "table": layout.tables[k],

@@ -116,9 +116,7 @@ class DamperSection(OfClass):
     tau_x: Annotated[float, of_field(jp.Building, "tau_x")] | None = None
 
     def __post_init__(self) -> None:
-        if self.law == "dashpot":
-            self.refuse_any(["stiffness"], 'must not be given with law = "dashpot"')
-        else:
+        if self.law != "dashpot":  # beside which a spring may be
             self.require_all(["stiffness"], f', which law = "{self.law}" needs')
         super().__post_init__()
 

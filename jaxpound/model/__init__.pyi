@@ -14,6 +14,8 @@ from .dampers import Inerter as Inerter
 from .dampers import PowerLaw as PowerLaw
 from .dampers import VelocityFriction as VelocityFriction
 from .damping import Rayleigh as Rayleigh
+from .foundation import on_soil as on_soil
+from .foundation import through_soil as through_soil
 from .hysteresis import Bilinear as Bilinear
 from .hysteresis import BoucWen as BoucWen
 from .hysteresis import HysteresisLaw as HysteresisLaw
@@ -29,6 +31,9 @@ from .row import FloorLink as FloorLink
 from .row import Row as Row
 from .row import floor_links as floor_links
 from .shear_building import ShearBuilding as ShearBuilding
+from .soil import Footing as Footing
+from .soil import Soil as Soil
+from .soil import SoilEffect as SoilEffect
 from .strength import base_shear_coefficient as base_shear_coefficient
 from .structures import AdjacentStructures as AdjacentStructures
 from .structures import Storeys as Storeys

@@ -245,6 +245,9 @@ def on_bearings(
     for k, x in enumerate(as_tuple("links", links)):
         instance(f"links.{k}", x, FloorLink)
     above = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
+    if above.footing is not None:
+        rule = "must be put on soil afterwards: on_soil(on_bearings(…)[0], …)"
+        raise InvalidInput("building", "", rule)
     weight = gravity * (base_mass + sum(storey.mass for storey in above.storeys))
     with renamed(names={"mass": "base_mass", "heights.0": "height"}):
         base = bearing.storey(base_mass, weight, gravity)

@@ -5,16 +5,30 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 
-from jaxpound.model.topology import GROUND, AnyEnds, Ends, Topology, WeightedMasses, faces, stacks
+from jaxpound.model.topology import (
+    GROUND,
+    AnyEnds,
+    Ends,
+    Topology,
+    WeightedMasses,
+    faces,
+    stacks,
+    two_ends,
+)
 
-TUNED = 0
-"""The number of a tuned mass among the floors of a building, which count from 1."""
+TUNED, FOOTING, ROTATION = 0, -1, -2
+"""The numbers of a tuned mass, of a footing on soil and of its rotation among the floors of a
+building, which count from 1."""
+
+_NO_FLOORS = {TUNED: "tuned mass", FOOTING: "footing", ROTATION: "rotation"}
+_ON_SOIL = {FOOTING: "sway", ROTATION: "rocking"}  # their rods
 
 
 def mass_places(topology: Topology) -> tuple[str, ...]:
     """``floor 2 of building 1``; of buildings of one storey ``building 1``, else ``mass 1``.
 
-    A tuned mass and its rod are ``tuned mass of building 1``.
+    A tuned mass and its rod are ``tuned mass of building 1``; on soil there are ``footing of
+    building 1`` and ``rotation of building 1``.
     """
     home, n = homes(topology), topology.n_masses
     return tuple(_part("floor", home, home[i]) if home else f"mass {i + 1}" for i in range(n))
@@ -23,14 +37,15 @@ def mass_places(topology: Topology) -> tuple[str, ...]:
 def rod_places(topology: Topology) -> tuple[str, ...]:
     """``storey 2 of building 1``; of buildings of one storey ``building 1``, else ``rod 1``.
 
-    A rod beside the storeys, such as a damper, is ``rod 1–2, floor 2`` after its ends.
+    A rod beside the storeys, such as a damper, is ``rod 1–2, floor 2`` after its ends; the springs
+    of the soil are ``sway of building 1`` and ``rocking of building 1``.
     """
     storeys, home, places = homes(topology, of_rods=True), homes(topology), list[str]()
     for rod, ends in enumerate(topology.rods):
         if rod in storeys:
             places.append(_part("storey", home, storeys[rod]))
-        elif home and not isinstance(ends, WeightedMasses):
-            low, high = sorted(ends)
+        elif home and getattr(ends, "between", ends) is not None:
+            low, high = sorted(two_ends(ends))
             places.append(f"rod {link_place(home[high], home.get(low, low))}")
         else:
             places.append(f"rod {rod + 1}")
@@ -40,21 +55,26 @@ def rod_places(topology: Topology) -> tuple[str, ...]:
 def _part(part: str, home: Mapping[int, Ends], place: Ends) -> str:
     """A part of a building by its number; the building where all have one storey."""
     building, floor = place
-    if floor == TUNED:
-        return f"tuned mass of building {building}"
+    if floor in _NO_FLOORS:
+        words = _ON_SOIL.get(floor) if part == "storey" else None
+        return f"{words or _NO_FLOORS[floor]} of building {building}"
     has_floors = any(floor > 1 for _, floor in home.values())
     return f"{part} {floor} of building {building}" if has_floors else f"building {building}"
 
 
 def homes(topology: Topology, *, of_rods: bool = False) -> dict[int, Ends]:
     """Building and floor of each mass or rod, from 1; empty if these are no shear buildings."""
+    places = dict[int, Ends]()
     with suppress(ValueError):
-        return {
-            pair[of_rods]: (building + 1, TUNED if pair[0] in topology.tuned else floor + 1)
-            for building, stack in enumerate(stacks(topology))
-            for floor, pair in enumerate(stack)
-        }
-    return {}
+        for building, stack in enumerate(stacks(topology), 1):
+            for floor, pair in enumerate(stack, 1):
+                is_tuned = pair[0] in topology.tuned
+                places[pair[of_rods]] = building, TUNED if is_tuned else floor
+            if isinstance(ends := topology.rods[stack[0][1]], WeightedMasses):
+                for number, mass in zip((FOOTING, ROTATION), ends.masses[1:], strict=True):
+                    spring = topology.rods.index((mass, GROUND))
+                    places[spring if of_rods else mass] = building, number
+    return places
 
 
 def link_places(topology: Topology) -> tuple[str, ...]:
@@ -64,6 +84,8 @@ def link_places(topology: Topology) -> tuple[str, ...]:
     """
     home, places = homes(topology), list[str]()
     for ends in topology.links:
+        if isinstance(ends, WeightedMasses) and ends.between and home:
+            ends = two_ends(ends)
         if isinstance(ends, WeightedMasses) and ends.column and home:
             hit, storey = (home[mass] for mass in ends.masses[:2])
             places.append(column_place(hit, storey))
@@ -111,10 +133,11 @@ def link_place(end: Ends, other: Ends | int) -> str:
         return f"{end[0]}–{support_place(other)}, {_floor(end[1])}"
     (building, floor), (next_building, next_floor) = sorted((end, other))
     between = f"in {building}" if building == next_building else f"{building}–{next_building}"
-    if TUNED in (floor, next_floor):
+    if floor == next_floor:
+        return f"{between}, {_floor(floor)}"
+    if {floor, next_floor} & _NO_FLOORS.keys():
         return f"{between}, {_floor(floor)}–{_floor(next_floor)}"
-    floors = _floor(floor) if floor == next_floor else f"floors {floor}–{next_floor}"
-    return f"{between}, {floors}"
+    return f"{between}, floors {floor}–{next_floor}"
 
 
 def column_place(hit: Ends, storey: Ends) -> str:
@@ -124,4 +147,4 @@ def column_place(hit: Ends, storey: Ends) -> str:
 
 
 def _floor(number: int) -> str:
-    return f"floor {number}" if number else "tuned mass"
+    return _NO_FLOORS.get(number, f"floor {number}")

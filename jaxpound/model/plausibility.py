@@ -18,7 +18,7 @@ from jaxpound._fields import Parameter, walk
 from jaxpound.model.hysteresis import hysteresis_of
 from jaxpound.model.places import link_places, rod_places
 from jaxpound.model.system import Link, System
-from jaxpound.model.topology import GROUND, masses_of, stacks
+from jaxpound.model.topology import GROUND, AnyEnds, footings, on_soil, stacks, two_ends
 from jaxpound.quantities import SI, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -108,10 +108,10 @@ def _undamped(buildings: Buildings) -> list[str]:
 class _Floors(NamedTuple):
     """The floors of concrete buildings, by mass; in SI."""
 
-    weights: np.ndarray
+    weights: np.ndarray  # also of footings
     masses: np.ndarray
     inertias: np.ndarray  # masses with the inertances at each
-    tuned: tuple[int, ...]  # masses that are no floors
+    others: tuple[int, ...]  # tuned masses, footings and rotations, which are no floors
     moved: np.ndarray  # displacement under 1 g, by the stiffness of the first mode
     periods: np.ndarray  # of each floor on its own storey, by the same stiffness
     first_periods: tuple[float, ...]  # natural period of each building
@@ -144,14 +144,16 @@ class _Floors(NamedTuple):
             weights = masses[above] * at_rest
             stiffer = omega**2 / gravity * (weights @ at_rest) / weights.sum()
             stiffnesses[above], moved[above] = soft * stiffer, at_rest / stiffer
+        rotations = [*footings(system.topology).values()]
+        masses[rotations] = 0.0
         inertias = masses.copy()
         for ends, inerter in inerters:
-            inertias[[end for end in ends if end != GROUND]] += float(inerter.inertance)
+            inertias[_two_masses(ends)] += float(inerter.inertance)
         return _Floors(
-            weights=masses * gravity,
+            weights=np.delete(masses, rotations) * gravity,
             masses=masses,
             inertias=inertias,
-            tuned=system.topology.tuned,
+            others=(*system.topology.tuned, *on_soil(system.topology)),
             moved=moved,
             periods=2 * np.pi * np.sqrt(masses / stiffnesses),
             first_periods=tuple(2 * math.pi / omega for omega in frequencies),
@@ -162,7 +164,7 @@ class _Floors(NamedTuple):
 
     def doubts(self) -> Iterator[str]:
         """Findings in masses and periods."""
-        inertias, masses = (np.delete(x, self.tuned) for x in (self.inertias, self.masses))
+        inertias, masses = (np.delete(x, self.others) for x in (self.inertias, self.masses))
         least, most = inertias.min(), inertias.max()
         if most > MOST_RATIO * least:
             inertances = " with inertances" if (inertias != masses).any() else ""
@@ -227,7 +229,7 @@ def _width(place: str, link: Link, floors: _Floors) -> str:
     """A finding if the gap is out of proportion to the displacements of both its sides."""
     if not is_known_and_single(link.gap) or link.gap == np.inf:
         return ""
-    gap, moved = float(link.gap), floors.moved[[*masses_of(link.ends)[:2]]].sum()
+    gap, moved = float(link.gap), floors.moved[_two_masses(link.ends)].sum()
     if gap <= FAR_GAP * moved:
         return ""
     return (
@@ -242,7 +244,7 @@ def _touching(place: str, link: Link, floors: _Floors) -> str:
     kind = next(filter(of_law.__contains__, _STIFFNESSES), "")
     if not kind or link.column or not is_known_and_single(of_law[kind]):
         return ""
-    ends = [*masses_of(link.ends)]
+    ends = _two_masses(link.ends)
     masses, stiffness, unit = floors.masses[ends], float(of_law[kind]), SI[kind]
     mass, period = 1 / (1 / masses).sum(), floors.periods[ends[int(masses.argmin())]]
     if kind == "stiffness":
@@ -261,6 +263,11 @@ def _touching(place: str, link: Link, floors: _Floors) -> str:
         f"which should be between {low:.2g} and {high:.2g} s (1/250 and 1/2 of the lighter floor's "
         f"period on its storey): is it in {unit}, and masses in kg? {advice}"
     )
+
+
+def _two_masses(ends: AnyEnds) -> list[int]:
+    """The masses that a link is between, without the ground."""
+    return [end for end in two_ends(ends) if end != GROUND]
 
 
 def _first(findings: list[str]) -> list[str]:

@@ -18,8 +18,8 @@ from jaxpound.model.building import Building
 from jaxpound.model.column import Column
 from jaxpound.model.contact import ContactLaw, KelvinVoigt, Newton
 from jaxpound.model.dampers import Inerter, VelocityFriction
-from jaxpound.model.places import column_place, homes, link_place
-from jaxpound.model.shear_building import ShearBuilding
+from jaxpound.model.places import TUNED, column_place, homes, link_place
+from jaxpound.model.shear_building import ShearBuilding, storeys_of
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import (
     RING,
@@ -64,7 +64,7 @@ class FloorLink:
     building
         The building on the left.
     floor
-        Its floor.
+        Its floor; the number behind those of floors and tuned masses is a footing on soil.
     next_floor
         The floor at the other end, or ``GROUND``; by default the same, or in a brace that below.
     friction, gap, contact, damper, velocity_friction, inerter
@@ -74,7 +74,9 @@ class FloorLink:
     next_building
         The building at the other end: by default the next one to the right; ``building`` itself
         for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground,
-        or ``jp.support(k)`` for one to a support that moves apart, such as an abutment.
+        for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground,
+        on soil to the footing, or ``jp.support(k)`` for one to a support that moves apart, such as
+        an abutment.
     side
         "left" of the left face of a link, where the gap closes as ``building`` moves to the left of
         the other end; a ``Row`` makes it of a link of two faces. "right" by default.
@@ -215,9 +217,8 @@ class Row:
         object.__setattr__(self, "links", by_face(as_tuple("links", self.links)))
         check(self)
         object.__setattr__(self, "supports", known_supports(self.supports, len(self.buildings)))
-        floors = [len(building.masses) for building in self.buildings]
-        require_floors(floors, self.links, LinkLabels())
-        if any(link.column for link in self.links):
+        require_floors([x.n_ends for x in self.buildings], self.links, LinkLabels())
+        if any(x.column for x in self.links) or any(x.heights for x in self.buildings):
             require_independent(self.system())
 
     @property
@@ -229,19 +230,41 @@ class Row:
         """Masses, rods and links, building by building."""
         starts = _first_floors([len(building.masses) for building in self.buildings])
         masses, rods, links, tuned = list[Any](), list[Rod](), list[Link](), list[int]()
-        damping = list[Rod]()
+        damping, influence = list[Rod](), list[float]()
         for number, (building, first) in enumerate(zip(self.buildings, starts, strict=False)):
             masses += building.masses
             stands_on = support(self.supports[number]) if self.supports else GROUND
-            damping += standing(building.damping_from(first), stands_on)
-            tuned += range(first + building.n_floors, len(masses))
-            rods += standing(building.rods_from(first), stands_on)
+            rotation = first + building.n_storeys + 1 if building.heights else None
+            damping += standing(building.damping_from(first), stands_on, rotation)
+            influence += building.influences
+            tuned += range(first + building.n_floors, first + building.n_storeys)
+            rods += standing(building.rods_from(first), stands_on, rotation)
         for x in self.links:
             between = {name: getattr(x, name) for name in BETWEEN}
-            links.append(unchecked(Link, ends=_ends(x, starts), **(between | _at_column(x))))
+            links.append(unchecked(Link, **(between | self._joint(x, starts, links))))
         kept, dampers = without_dampers(links)
         parts = {"rods": (*rods, *dampers), "links": kept, "damping": tuple(damping)}
+        if 0.0 in influence:
+            parts["influence"] = tuple(influence)
         return unchecked(System, masses=tuple(masses), tuned=tuple(tuned), **parts)
+
+    def _joint(self, link: FloorLink, starts: Sequence[int], before: Sequence[Link]) -> Any:
+        """Ends, weights and, at a column, law of a link behind those ``before`` it.
+
+        Within a building on soil, and from it to its footing, they leave out a rigid rotation.
+        """
+        if link.column is not None:
+            b = link.building + (link.column.side != "left")
+            return _at_column(link, _ends(link, starts), self.buildings[b], starts[b])
+        if link.other_building not in (link.building, GROUND):
+            return {"ends": _ends(link, starts)}
+        building, first = self.buildings[link.building], starts[link.building]
+        joint = building.between(link.floor, link.other_floor, first)
+        if link.side == "right":
+            return joint
+        if before and before[-1].ends == joint["ends"] and building.heights:
+            return {"ends": joint["ends"]._replace(side=-1)}
+        return building.between(link.other_floor, link.floor, first)
 
 
 def known_supports(supports: Any, n: int) -> tuple[int, ...]:
@@ -253,14 +276,14 @@ def known_supports(supports: Any, n: int) -> tuple[int, ...]:
     return tuple(map(int, supports)) if any(supports) else ()
 
 
-def standing(rods: Sequence[Rod], stands_on: int) -> list[Rod]:
-    """Rods of which those on the ground stand on a support."""
+def standing(rods: Sequence[Rod], stands_on: int, rotation: int | None) -> list[Rod]:
+    """Rods of which those on the ground stand on a support, but for that of a rotation."""
     if stands_on == GROUND:
         return [*rods]
     kept = list[Rod]()
     for rod in rods:
         ends: Any = rod.ends
-        if not isinstance(ends, WeightedMasses):
+        if not isinstance(ends, WeightedMasses) and rotation not in ends:
             ends = tuple(stands_on if end == GROUND else end for end in ends)
         kept.append(unchecked(Rod, **(vars(rod) | {"ends": ends})))
     return kept
@@ -420,11 +443,11 @@ def checked_floors(topology: Topology | None, gaps: Sequence[Any]) -> str:
     numbers or arrays by link, infinite or empty without a gap.
     """
     home = homes(topology) if topology else {}
-    sizes, walls = Counter(building for building, _ in home.values()), set[Ends]()
+    sizes, walls = Counter(b for b, floor in home.values() if floor >= TUNED), set[Ends]()
     joined: dict[tuple[int, ...], set[Ends]] = {}
     for ends, gap in zip(topology.links if home and topology else (), gaps, strict=False):
         if np.any(np.isfinite(np.asarray(gap, float))):
-            floors = {home[mass] for mass in masses_of(ends)}
+            floors = {home[mass] for mass in masses_of(ends) if home[mass][1] >= TUNED}
             pair = tuple(sorted({building for building, _ in floors}))
             if isinstance(ends, WeightedMasses) and ends.column:  # the floor, and not what it hits
                 floors = {home[ends.masses[0]]}
@@ -522,17 +545,23 @@ def _ends(link: FloorLink, starts: Sequence[int]) -> AnyEnds:
     return (other, end) if link.side == "left" else (end, other)
 
 
-def _at_column(link: FloorLink) -> dict[str, Any]:
-    """The weights and the law of a link at a column, which moves as floors and it do."""
-    if (column := link.column) is None:
-        return {}
+def _at_column(link: FloorLink, ends: Any, owner: Storeys, first: int) -> dict[str, Any]:
+    """Ends, weights and law of a link at a column of ``owner``, which moves as floors and it do."""
+    column: Any = link.column
     if column.position is None or column.height is None:
         rule = "must have position and height where buildings have no elevations"
         raise InvalidInput(f"link {link}: column", "", rule)
     sign, w = -1.0 if column.side == "left" else 1.0, column.weight
     storey = link.floor if column.side == "left" else link.other_floor
     weights = (sign, -sign * w, -sign * (1 - w))[: 2 + (storey > 0)]
-    return {"weights": weights, "column": column, "contact": column.behind(link.contact)}
+    if owner.heights:  # the point turns with the storey
+        footing, (hit, above, *_) = first + owner.n_storeys, ends.masses
+        masses = (hit, above, above - 1 if storey else footing, footing + 1)
+        turn = (column.position - w) * owner.heights[storey]
+        weights = sign, -sign * w, -sign * (1 - w), -sign * turn
+        ends = ends._replace(masses=masses)
+    behind = column.behind(link.contact)
+    return {"ends": ends, "weights": weights, "column": column, "contact": behind}
 
 
 def at_elevations(link: FloorLink, buildings: Sequence[Any], name: str) -> FloorLink:
@@ -575,6 +604,8 @@ def require_heights(
         left, right = buildings[link.building], buildings[link.other_building]
         if (link.floor, link.other_floor) not in common_floors(left, right):
             ends = (left, link.floor), (right, link.other_floor)
-            low, high = (np.cumsum(building.heights)[floor] for building, floor in ends)
+            if all(floor == len(storeys_of(building)) for building, floor in ends):
+                continue  # footings
+            low, high = (np.append(np.cumsum(x.heights), 0.0)[floor] for x, floor in ends)
             rule = "must be at one height; next_floor says which floor is meant where none is"
             raise labels.invalid(k, f"{link}, at {low:g} m and {high:g} m,", "", rule)

@@ -27,6 +27,8 @@ from jaxpound.model.building import ORDER_BY_DEFAULT, ROD, Building
 from jaxpound.model.dampers import Dashpot
 from jaxpound.model.damping import Rayleigh
 from jaxpound.model.hysteresis import Bilinear
+from jaxpound.model.rod import Spring
+from jaxpound.model.soil import Footing, SoilEffect
 from jaxpound.model.strength import storey_shears, with_weight
 from jaxpound.model.structures import Storeys, require_storeys, storey_ends
 from jaxpound.model.system import Rod, as_tuple
@@ -59,8 +61,8 @@ class ShearBuilding:
     storeys
         The storeys, from the ground up.
     heights
-        Height > 0 of each storey, m, or one for all; 3 m by default. Heights do not affect the
-        motion: they decide which floors of neighbours meet, and figures draw them.
+        Height > 0 of each storey, m, or one for all; 3 m by default. They decide which floors of
+        neighbours meet, and figures draw them; the motion they affect on soil only.
     n_tuned
         How many of the last storeys are tuned masses (``tuned_mass_damper``) on their rods: these
         are no floors and no storeys of the building. None by default. A link names the first as the
@@ -71,6 +73,11 @@ class ShearBuilding:
     n_bearings
         How many of the first storeys are bearings (``on_bearings``), which ``damping`` leaves out:
         it acts on what stands on them as if that stood on the ground. None by default.
+    footing
+        The ``Footing`` on soil (``on_soil``); None, the default, for rigid ground. ``damping`` then
+        acts on velocities relative to the rigid motion of the footing. Periods and modes are those
+        on soil, whose last two numbers of a shape are the footing and its rotation, the
+        displacement of a lever of 1 m. A link names the footing as the floor above all others.
 
     Examples
     --------
@@ -87,6 +94,7 @@ class ShearBuilding:
     n_tuned: int = static(default=0, listed=bool)
     damping: Rayleigh | None = part(Rayleigh, NoneType, default=None, listed=bool)
     n_bearings: int = static(default=0, listed=bool)
+    footing: Footing | None = part(Footing, NoneType, default=None, listed=bool)
 
     def __post_init__(self) -> None:
         check(self)
@@ -97,6 +105,8 @@ class ShearBuilding:
         if self.damping is not None:
             with renamed(names={"modes": "damping.modes"}):
                 self.damping.require_modes(self.n_floors - self.n_bearings)
+        if self.footing is not None:
+            self.footing.require_below([storey.mass for storey in self.storeys])
         heights = _each("heights", self.heights, len(self.storeys))
         for i, height in enumerate(heights):
             name = f"heights.{i}"
@@ -330,8 +340,9 @@ class ShearBuilding:
         """The building under its own weight, which acts at the drift of its storeys (P–Δ).
 
         The weight above each storey over its height is taken from the stiffness before and after
-        yield; the forces of the storeys include it. Raises ``ValueError`` if the weight buckles a
-        storey, or hardening becomes negative and the law has no finite ``ultimate_displacement``.
+        yield; the forces of the storeys include it. On soil it does not act at the rotation of the
+        footing. Raises ``ValueError`` if the weight buckles a storey, or hardening becomes negative
+        and the law has no finite ``ultimate_displacement``.
         """
         above = np.cumsum([storey.mass for storey in self.storeys][::-1])[::-1]
         if is_traced(above):
@@ -379,6 +390,27 @@ class ShearBuilding:
         """Natural frequencies, damping ratios and shapes (``jp.modes``); in rad/s."""
         return dataclasses.replace(modes(in_units(self, 1.0, 1.0, 1.0)), si=True)
 
+    def soil_effect(self) -> SoilEffect:
+        """The first mode on soil beside that on rigid ground; prints as a table.
+
+        Raises ``ValueError`` if the building is not on soil, traced or a batch.
+
+        Examples
+        --------
+        >>> frame = jp.ShearBuilding.of_storeys([500e3], 19.74e6, heights=10, dashpots=314e3)
+        >>> clay = jp.Soil(shear_wave_velocity=150, density=1800, poisson_ratio=1 / 3)
+        >>> jp.on_soil(frame, clay, radius=6, footing_mass=200e3).soil_effect()
+        First mode on soil
+                           on rigid ground  on soil
+            period (s)                   1    1.036
+            damping ratio          0.04997  0.04869
+            ratio of periods 1.0361, damping ratio added by radiation 0.0038
+        """
+        if self.footing is None:
+            raise InvalidInput("footing", "None", "must be stated: on_soil(building, soil, …)")
+        both = dataclasses.replace(self, footing=None).modes(), self.modes()
+        return SoilEffect(*(float(x[0]) for m in both for x in (m.periods, m.damping_ratios)))
+
 
 def in_units(
     building: Building | ShearBuilding, mass: Any, stiffness: Any, frequency: Any, length: Any = 1.0
@@ -387,20 +419,32 @@ def in_units(
     storeys = storeys_of(building)
     numbers = [(s.material(frequency, length), s.stiffness / stiffness) for s in storeys]
     rods = (unchecked(Rod, material=law, stiffness=k, ends=None) for law, k in numbers)
-    n_tuned = getattr(building, "n_tuned", 0)
-    damping = [
-        unchecked(Rod, material=unchecked(Dashpot, coefficient=c / (mass * frequency)), ends=ends)
-        for ends, c in _dashpots(building)
-    ]
-    masses = tuple(s.mass / mass for s in storeys)
-    return unchecked(
-        Storeys, masses=masses, rods=tuple(rods), n_tuned=n_tuned, damping=tuple(damping)
-    )
+    parts: dict[str, Any] = {"masses": tuple(s.mass / mass for s in storeys), "rods": tuple(rods)}
+    parts["n_tuned"], dashpots = getattr(building, "n_tuned", 0), _dashpots(building)
+    if isinstance(building, ShearBuilding) and (footing := building.footing) is not None:
+        parts["heights"], n = building.heights, len(storeys)
+        parts["masses"] += footing.mass / mass, footing.rotational_inertia / mass  # of 1 m
+        springs = footing.sway_stiffness / stiffness, footing.rocking_stiffness / stiffness
+        parts["rods"] += tuple(
+            unchecked(Rod, material=Spring(), stiffness=k, ends=None) for k in springs
+        )
+        radiation = footing.sway_damping, footing.rocking_damping
+        dashpots += [((n + x, GROUND), c) for x, c in enumerate(radiation)]
+    undamped = unchecked(Storeys, **parts, damping=())
+    materials = [unchecked(Dashpot, coefficient=c / (mass * frequency)) for _, c in dashpots]
+    ends = [undamped.between(*ends) for ends, _ in dashpots]
+    damping = (unchecked(Rod, material=x, **y) for x, y in zip(materials, ends, strict=True))
+    return unchecked(Storeys, **parts, damping=tuple(damping))
 
 
 def storeys_of(building: Building | ShearBuilding) -> tuple[Building, ...]:
     """The storeys of a building, tuned masses too; a ``Building`` is its only storey."""
     return (building,) if isinstance(building, Building) else building.storeys
+
+
+def n_ends(building: Building | ShearBuilding) -> int:
+    """Number of masses of a building that links may join: floors, tuned masses and a footing."""
+    return len(storeys_of(building)) + (getattr(building, "footing", None) is not None)
 
 
 def _dashpots(building: Building | ShearBuilding) -> list[tuple[Ends, Any]]:

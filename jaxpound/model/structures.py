@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -11,9 +12,10 @@ from jaxpound._checks import as_tuple, is_whole
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import check, like, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.contact import ContactLaw, Newton
+from jaxpound.model.dampers import Dashpot
 from jaxpound.model.rod import ZenerRod
 from jaxpound.model.system import Link, Rod, System
-from jaxpound.model.topology import GROUND, Ends, shifted
+from jaxpound.model.topology import GROUND, Ends, WeightedMasses, shifted
 from jaxpound.quantities import DIMENSIONLESS
 
 
@@ -100,6 +102,10 @@ class Storeys:
         How many of the last are tuned masses, which are no floors, on their rods; none by default.
     damping
         Dashpots of the building, as in ``System``; their ends are floors of the building.
+    heights
+        Height of each storey of a building on soil, where floors, storeys and tuned masses have two
+        more masses and rods behind them: the footing on the spring of sway, and the inertia of its
+        rotation on that of rocking, with the displacement of a lever of length 1. None by default.
 
     Examples
     --------
@@ -113,6 +119,7 @@ class Storeys:
     rods: tuple[Rod, ...] = like(System, "rods")
     n_tuned: int = static(default=0, listed=bool)
     damping: tuple[Rod, ...] = like(System, "damping", default=())
+    heights: tuple[float, ...] = static(default=(), listed=bool)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "masses", as_tuple("masses", self.masses))
@@ -124,35 +131,78 @@ class Storeys:
             raise InvalidInput(name, "", "must be a Rod, or a tuple of them")
         object.__setattr__(self, "rods", tuple(rods))
         check(self)
-        require_storeys("masses", self.masses, self.n_tuned)
+        if self.heights and len(self.heights) != len(self.masses) - 2:
+            rule = f"must be {len(self.masses) - 2}, one for each mass but footing and rotation"
+            raise InvalidInput(f"heights, {len(self.heights)} of them,", "", rule)
+        require_storeys("masses", self.masses[: self.n_storeys], self.n_tuned)
         if len(rods) != (n := len(self.masses)):
             rule = f"must be one for each of the {n} masses: storey i carries floor i"
             raise InvalidInput(f"rods, {len(rods)} of them,", "", rule)
         for i, rod in enumerate(rods):
-            if rod.ends not in (None, storey_ends(i)):
-                rule = f"must be left out, or those of its storey, {storey_ends(i)}"
+            ends = self.rod_between(i)["ends"]
+            if rod.ends not in (None, ends):
+                rule = f"must be left out, or those of its storey, {ends}"
                 raise InvalidInput(f"rods.{i}.ends", str(rod.ends), rule)
-            if rod.stiffness is None:
+            if isinstance(rod.material, Dashpot):
                 rule = "must have a stiffness, as it is a storey: a dashpot holds no floor"
                 raise InvalidInput(f"rods.{i}", "", rule)
         if self.damping:
-            System(self.masses, self.rods_from(0), damping=self.damping)  # which checks them
+            rods, shares = self.rods_from(0), self.influences  # which are checked
+            System(self.masses, rods, influence=shares, damping=self.damping)
+
+    @property
+    def n_storeys(self) -> int:
+        """Number of storeys, with those of tuned masses."""
+        return len(self.masses) - (2 if self.heights else 0)
 
     @property
     def n_floors(self) -> int:
         """Number of floors and of storeys."""
-        return len(self.masses) - self.n_tuned
+        return self.n_storeys - self.n_tuned
+
+    @property
+    def n_ends(self) -> int:
+        """Number of masses that a link may join: all but a rotation."""
+        return self.n_storeys + bool(self.heights)
+
+    @property
+    def influences(self) -> tuple[float, ...]:
+        """The share of the ground's motion that each mass has."""
+        return (1.0,) * self.n_ends + (0.0,) * (len(self.masses) - self.n_ends)
 
     def system(self) -> System:
         """The building alone, without links."""
-        tuned = tuple(range(self.n_floors, len(self.masses)))
-        parts = {"rods": self.rods_from(0), "links": (), "damping": self.damping}
+        tuned = tuple(range(self.n_floors, self.n_storeys))
+        parts: dict[str, Any] = {"rods": self.rods_from(0), "links": (), "damping": self.damping}
+        if self.heights:
+            parts["influence"] = self.influences
         return unchecked(System, masses=self.masses, tuned=tuned, **parts)
 
     def rods_from(self, first: int) -> tuple[Rod, ...]:
         """The rods with their ends in a system where the lowest floor is the mass ``first``."""
         fields = [{"material": rod.material, "stiffness": rod.stiffness} for rod in self.rods]
-        return tuple(unchecked(Rod, **x, ends=storey_ends(i, first)) for i, x in enumerate(fields))
+        ends = [self.rod_between(i, first) for i in range(len(fields))]
+        return tuple(unchecked(Rod, **(x | y)) for x, y in zip(fields, ends, strict=True))
+
+    def rod_between(self, i: int, first: int = 0) -> dict[str, Any]:
+        """Ends and weights of rod i in a system where the lowest floor is the mass ``first``."""
+        ends = storey_ends(i) if i < self.n_storeys else (i, GROUND)  # sway and rocking
+        return self.between(*ends, first)
+
+    def between(self, i: int, j: int, first: int = 0) -> dict[str, Any]:
+        """Ends and weights of what joins floors i and j, or the ground, of the building.
+
+        On soil it is the relative displacement less that of a rigid rotation; the ground of floors
+        is then the footing, whose number is that behind the last floor.
+        """
+        footing = self.n_storeys
+        a, b = (x if x == GROUND else first + x for x in (i, j))
+        if not self.heights or (GROUND in (i, j) and max(i, j) >= footing):
+            return {"ends": (a, b)}
+        up = dict(enumerate(itertools.accumulate(self.heights)))  # 0 of footing and ground
+        masses = *(first + (footing if x == GROUND else x) for x in (i, j)), first + footing + 1
+        weights = 1.0, -1.0, up.get(j, 0.0) - up.get(i, 0.0)
+        return {"ends": WeightedMasses(masses, between=(a, b)), "weights": weights}
 
     def damping_from(self, first: int) -> tuple[Rod, ...]:
         """The dashpots in a system where the lowest floor is the mass ``first``."""

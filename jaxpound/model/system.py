@@ -53,7 +53,7 @@ class Rod:
         viscous damper on a brace; or ``Dashpot``.
     stiffness
         Long-time stiffness K > 0, before the rod yields; in units of m1 ω1² for a dimensionless
-        system. A ``Dashpot`` has none.
+        system. A ``Dashpot`` has none or, as the damper of a link, that of a spring beside it.
     ends
         Two masses i and j by number, from 0, or ``GROUND``, or ``jp.support(k)`` that moves apart.
         The rod is stretched by x_i − x_j, and by x_i if j is the ground, by x_i less what a support
@@ -74,10 +74,9 @@ class Rod:
         if self.ends is not None:
             _set_ends(self)
         check(self)
-        if isinstance(self.material, Dashpot) != (self.stiffness is None):
-            rule = "must be positive" if self.stiffness is None else "must be left out"
-            words = f"{rule} for {type(self.material).__name__}"
-            raise InvalidInput("stiffness", str(self.stiffness), words)
+        if self.stiffness is None and not isinstance(self.material, Dashpot):
+            words = f"must be positive for {type(self.material).__name__}"
+            raise InvalidInput("stiffness", "None", words)
 
 
 @pytree_dataclass
@@ -101,8 +100,9 @@ class Link:
         None, the default, lets the neighbours pass through each other. Of two faces one law for
         both that can close, or a tuple of one for each.
     damper
-        A ``Rod`` without ends between the same neighbours, such as one of a ``PowerLaw``; None by
-        default. In a ``System`` it is one of the rods, which has the link's weights as its own.
+        A ``Rod`` without ends between the same neighbours, such as one of a ``PowerLaw``, or a
+        ``Dashpot`` with the stiffness of a spring beside it; None by default. In a ``System`` it is
+        one of the rods, or two, which have the link's weights as their own.
     velocity_friction
         What the friction gains with |x_i' − x_j'|, a ``VelocityFriction``; None by default.
     inerter
@@ -285,9 +285,13 @@ class System:
                 if rod.ends is None:
                     rule = "must be two masses, or GROUND"
                     raise InvalidInput(f"{name}.{k}.ends", "None", rule)
-                if name == "damping" and rod.stiffness is not None:
+                is_dashpot = isinstance(rod.material, Dashpot)
+                if name == "damping" and not is_dashpot:
                     rule = "must be a Dashpot: rods with a stiffness belong in rods"
                     raise InvalidInput(f"damping.{k}.material", repr(rod.material), rule)
+                if is_dashpot and rod.stiffness is not None:
+                    rule = "must be left out for Dashpot; only as damper of a link it has one"
+                    raise InvalidInput(f"{name}.{k}.stiffness", str(rod.stiffness), rule)
         topology, n = self.topology, len(self.masses)
         if not n:
             raise InvalidInput("masses", "()", "must hold at least one mass")
@@ -299,7 +303,7 @@ class System:
         for k, ends in enumerate(topology.links):
             if isinstance(ends, WeightedMasses) and ends.side < 0:
                 before = topology.links[k - 1 : k]
-                if before != (WeightedMasses(ends.masses),):
+                if before != (ends._replace(side=1),):
                     rule = "must be behind the right face of the same link"
                     raise InvalidInput(f"links.{k}, a left face,", "", rule)
         object.__setattr__(self, "influence", _shares(self.influence, n))
@@ -460,10 +464,18 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
                 rule = f"must be left out, or those of the link, {link.ends}"
                 raise InvalidInput("damper.ends", str(damper.ends), rule)
             ends = {"ends": link.ends, "weights": getattr(link, "weights", ())}
-            rods.append(unchecked(Rod, **{**vars(damper), **ends}))
+            rods += [unchecked(Rod, **vars(rod) | ends) for rod in in_parallel(damper)]
             link = replace(link, damper=None)
         kept.append(link)
     return tuple(kept), tuple(rods)
+
+
+def in_parallel(damper: Rod) -> tuple[Rod, ...]:
+    """The rods of a link's damper: of a dashpot with a stiffness a spring, and the dashpot."""
+    if not isinstance(damper.material, Dashpot) or damper.stiffness is None:
+        return (damper,)
+    parts = {"material": Spring()}, {"stiffness": None}
+    return tuple(unchecked(Rod, **vars(damper) | part) for part in parts)
 
 
 def may_hold(link: Any) -> bool:

@@ -29,8 +29,8 @@ def support(number: int) -> int:
     >>> bridge = jp.System(masses=(1.0,), rods=rods)
     >>> wave = jp.travelling(jp.paper.ground(), velocity=1.0, distances=(0.0, 0.1))
     >>> response = jp.simulate(bridge, wave, jp.TimeGrid.until(20.0, dt=0.05))
-    >>> len(response.supports), round(float(abs(response.supports[0].x).max()), 3)
-    (1, 0.056)
+    >>> len(response.supports), round(float(abs(response.supports[1].displacement).max()), 3)
+    (2, 0.056)
     """
     if not (is_whole(number) and number >= 0):
         raise InvalidInput("number", repr(number), "must be a whole number from 0 on")
@@ -44,15 +44,27 @@ class WeightedMasses(NamedTuple):
     """Masses that a rod or a link joins with weights, which it holds itself.
 
     The other face of a link of two faces has the side −1: its closing is the negative one. At a
-    ``column`` they are the floor that hits it, the floor above it and, if any, that below.
+    ``column`` they are the floor that hits it, the floor above it and, if any, that below. A rod or
+    link ``between`` floors of a building on soil joins the rotation of its footing, too, the last
+    of the masses; the ground of such a building is the footing, the mass before the last.
     """
 
     masses: tuple[int, ...]
     side: int = 1
     column: bool = False
+    between: Ends | None = None
 
 
 AnyEnds = Ends | WeightedMasses
+
+
+def stored_ends(ends: Any) -> AnyEnds:
+    """Ends whose tuples may be the lists of a file."""
+    first, *others = ends
+    if not isinstance(first, list | tuple):
+        return first, *others
+    weighted = WeightedMasses(tuple(first), *others)
+    return weighted._replace(between=weighted.between and tuple(weighted.between))  # type: ignore[arg-type]
 
 
 def masses_of(ends: AnyEnds) -> tuple[int, ...]:
@@ -65,7 +77,8 @@ def masses_of(ends: AnyEnds) -> tuple[int, ...]:
 def shifted(ends: AnyEnds | None, first: int) -> AnyEnds | None:
     """Ends of masses whose numbers are larger by ``first``."""
     if isinstance(ends, WeightedMasses):
-        return ends._replace(masses=tuple(first + mass for mass in ends.masses))
+        masses, pair = tuple(first + mass for mass in ends.masses), ends.between
+        return ends._replace(masses=masses, between=pair and shifted(pair, first))  # type: ignore[arg-type]
     return ends and tuple(end if end <= GROUND else first + end for end in ends)  # type: ignore[return-value]
 
 
@@ -78,6 +91,8 @@ def two_ends(ends: AnyEnds) -> Ends:
         if ends.column:
             hit, above, *_ = ends.masses
             return min(hit, above), max(hit, above)
+        if ends.between is not None:
+            return ends.between if ends.side > 0 else ends.between[::-1]
         rule = "must be between two floors or a floor and the ground, not of masses with weights"
         raise InvalidInput("links", "", rule)
     return ends
@@ -100,8 +115,9 @@ class Topology(NamedTuple):
 
     @property
     def floor_masses(self) -> list[int]:
-        """All masses but tuned ones."""
-        return [mass for mass in range(self.n_masses) if mass not in self.tuned]
+        """All masses but tuned ones, footings and their rotations."""
+        others = {*self.tuned, *on_soil(self)}
+        return [mass for mass in range(self.n_masses) if mass not in others]
 
     @property
     def elongations(self) -> tuple[int, ...]:
@@ -150,9 +166,32 @@ def is_storey(ends: AnyEnds) -> bool:
 
 
 @cache
+def footings(topology: Topology) -> dict[int, int]:
+    """Footings of buildings on soil, and the rotation of each."""
+    weighted = [ends for ends in topology.rods if isinstance(ends, WeightedMasses)]
+    return dict(x.masses[1:] for x in weighted if x.between and x.between[1] == GROUND)  # type: ignore[misc]
+
+
+def on_soil(topology: Topology) -> set[int]:
+    """Footings and rotations."""
+    return {mass for pair in footings(topology).items() for mass in pair}
+
+
+def _on_rigid_ground(topology: Topology) -> list[AnyEnds]:
+    """The ends of rods as if footings were the ground."""
+    soil, rods = on_soil(topology), list[AnyEnds]()
+    for ends in topology.rods:
+        if isinstance(ends, WeightedMasses):
+            rods.append(ends.between or ends)
+        else:
+            rods.append((GROUND, GROUND) if {*ends} & soil else ends)
+    return rods
+
+
+@cache
 def storey_rods(topology: Topology) -> tuple[int, ...]:
     """Rods that are storeys: not of tuned masses, nor of masses that rods before tie to ground."""
-    _, tree = joined_ends(topology.n_masses, topology.rods)
+    _, tree = joined_ends(topology.n_masses, _on_rigid_ground(topology))
     return tuple(r for r in tree if not {*masses_of(topology.rods[r])} & {*topology.tuned})
 
 
@@ -170,8 +209,9 @@ def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
     An ``InvalidInput`` for masses that are no floors one above the other.
     """
     beside: dict[int, list[tuple[int, int]]] = {end: [] for end in range(GROUND, topology.n_masses)}
-    for rod in joined_ends(topology.n_masses, topology.rods)[1]:
-        if not isinstance(ends := topology.rods[rod], WeightedMasses):
+    rods = _on_rigid_ground(topology)
+    for rod in joined_ends(topology.n_masses, rods)[1]:
+        if not isinstance(ends := rods[rod], WeightedMasses):
             low, high = max(min(ends), GROUND), max(ends)  # all supports are ground
             beside[low].append((high, rod))
             beside[high].append((low, rod))
@@ -183,7 +223,7 @@ def stacks(topology: Topology) -> tuple[tuple[tuple[int, int], ...], ...]:
             building += above
         buildings.append(tuple(building))
     masses = sorted(mass for building in buildings for mass, _ in building)
-    if masses != list(range(topology.n_masses)):
+    if masses != [mass for mass in range(topology.n_masses) if mass not in on_soil(topology)]:
         rule = "must be shear buildings, each floor on one storey"
         raise InvalidInput("structures: masses", "", rule)
     return tuple(sorted(buildings))

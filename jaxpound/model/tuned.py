@@ -12,7 +12,7 @@ from jaxpound._errors import InvalidInput, renamed
 from jaxpound.model.building import Building
 from jaxpound.model.dampers import Inerter
 from jaxpound.model.row import FloorLink
-from jaxpound.model.shear_building import ShearBuilding
+from jaxpound.model.shear_building import ShearBuilding, in_units
 from jaxpound.model.topology import GROUND
 
 _DEVICE = 0.01  # ratio of the small mass over that of the inertance, by default
@@ -99,6 +99,9 @@ def tuned_inerter_damper(
     """
     (ratio,) = positive(inertance_ratio=inertance_ratio)
     mode = _FirstMode.of(building)
+    if mode.frame.footing is not None:
+        rule = "must be put on soil afterwards: on_soil(tuned_inerter_damper(…)[0], …)"
+        raise InvalidInput("building", "", rule)
     roof = len(mode.frame.storeys) - 1
     if not (is_whole(floor) and GROUND <= floor < roof):
         below = f"a floor below the roof, from 0 to {roof - 1}, or GROUND" if roof else "GROUND"
@@ -129,9 +132,10 @@ class _FirstMode:
     def of(building: Any) -> _FirstMode:
         instance("building", building, ShearBuilding, Building)
         frame = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
-        modes = frame.modes()
-        shape = (modes.shapes[:, 0] / modes.shapes[-1, 0]).real
-        mass = sum(storey.mass * shape[i] ** 2 for i, storey in enumerate(frame.storeys))
+        modes, roof = frame.modes(), len(frame.storeys) - 1
+        shape = (modes.shapes[:, 0] / modes.shapes[roof, 0]).real
+        masses = in_units(frame, 1.0, 1.0, 1.0).masses  # with footing and rotation
+        mass = sum(x * shape[i] ** 2 for i, x in enumerate(masses))
         return _FirstMode(frame, shape, mass, frame.natural_period)
 
     def tuned(

@@ -16,7 +16,7 @@ from jaxpound._checks import require_folder
 from jaxpound._errors import InvalidInput
 from jaxpound.model.ends import elongation
 from jaxpound.model.places import homes
-from jaxpound.model.topology import GROUND, WeightedMasses, stacks, two_ends
+from jaxpound.model.topology import GROUND, WeightedMasses, masses_of, stacks, two_ends
 from jaxpound.plots import style as house
 from jaxpound.plots.curves import buildings_of, closed, is_pair, require_valid, same_units
 from jaxpound.plots.gap_maps import gap_map, widest_gap
@@ -85,6 +85,11 @@ class Scene:
         self._floors: dict[int, _Floor] = {}
         for b, (building, ups) in enumerate(zip(buildings, heights, strict=True)):
             below = None
+            if isinstance(ends := response.topology.rods[building[0][1]], WeightedMasses):
+                footing, corner = ends.masses[1], (float(left_ends[b]), -slab)
+                x = np.asarray(response.masses[footing].x)
+                below = _Floor(ax, x, corner, (w, slab), building_colour(b), None)
+                self._floors[footing] = below
             for (mass, rod), height in zip(building, ups, strict=True):
                 x = np.asarray(response.masses[mass].x)
                 share = 0.8 if mass in tuned else 1.0
@@ -173,8 +178,8 @@ class _MovingLink:
         self._flash = 1 / 30 * float(time[-1] - time[0])  # three of a hundred frames
         ends = [floors[end] for end in two_ends(link.ends) if end in floors]
         self._high = [floor.high for floor in ends]
-        if isinstance(link.ends, WeightedMasses):  # a column, at the height of the floor
-            self._high = [floors[link.ends.masses[0]].high] * 2
+        if getattr(link.ends, "column", False):  # a column, at the height of the floor
+            self._high = [floors[masses_of(link.ends)[0]].high] * 2
         self._inside = len(ends) == 1 or ends[0].left == ends[1].left
         ends.sort(key=lambda floor: floor.low if self._inside else floor.left)
         self._ends, self.has_damper = ends, link.has_damper

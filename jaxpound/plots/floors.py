@@ -172,8 +172,8 @@ def mode_shapes(
     r"""The first mode shapes of each building over its height, with periods and damping ratios.
 
     Shapes are the real parts of ``modes``, with the largest entry 1 and the top floor to the right.
-    The point of a tuned mass stands alone, above the roof. Of several buildings, each has its
-    colour, each mode a line style; links are left out.
+    The point of a tuned mass stands alone, above the roof; on soil the footing moves. Of several
+    buildings, each has its colour, each mode a line style; links are left out.
 
     ``structures`` are a building, dimensionless or in SI, or ``Buildings``; drawn are the first
     ``n`` modes of each, at least 1, from the slowest on; of fewer floors all.
@@ -202,7 +202,9 @@ def mode_shapes(
         tallest = max(tallest, heights, key=lambda floors: floors[-1])
         for j in range(min(n, heights.size)):
             shape = vibration.shapes[:, j].real
-            x, y = np.append(0.0, shape * np.sign(shape[top - 1])), np.append(0.0, heights)
+            shape = shape * np.sign(shape[top - 1])
+            foot = shape[heights.size] if storeys.heights else 0.0  # of a footing on soil
+            x, y = np.append(foot, shape[: heights.size]), np.append(0.0, heights)
             if storeys.n_tuned:  # whose points stand alone
                 x, y = np.insert(x, top + 1, np.nan), np.insert(y, top + 1, np.nan)
             period = house.in_unit(vibration.periods[j], "time", si, 3)

@@ -17,8 +17,17 @@ from jaxpound._checks import instance, is_known_and_single, real
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import Parameter, walk
 from jaxpound.model.dampers import Dashpot, PowerLaw
+from jaxpound.model.places import homes
 from jaxpound.model.system import Link, Rod, Structures, in_si
-from jaxpound.model.topology import GROUND, Topology, WeightedMasses, floors, stacks, two_ends
+from jaxpound.model.topology import (
+    GROUND,
+    Topology,
+    WeightedMasses,
+    floors,
+    footings,
+    stacks,
+    two_ends,
+)
 from jaxpound.plots import style as house
 from jaxpound.plots.style import COLOURS, in_house_style, new_axes, text_at, unit_for
 
@@ -51,7 +60,8 @@ def row(
     braces within a building and dampers to the ground; pads are orange where contact has a law; an
     arrow is a gap, to a wall where the other end is the ground, or to a column. Bearings, a first
     storey of less than half of the height of another, and walls as low as these stand in a pit.
-    Tuned masses are narrower.
+    Tuned masses are narrower. A footing on soil is a block in the ground, with the stiffnesses of
+    sway and of rocking, that of a lever of 1 m.
 
     Structures are ``Buildings``, ``Row``, ``Storeys``, ``AdjacentStructures`` or a ``System`` of
     shear buildings, which stand in the order of their masses. ``elevations`` are the heights of the
@@ -75,7 +85,8 @@ def row(
         elevations = _elevations_of(structures)
     buildings = stacks(system.topology)
     heights = stack_heights(system.topology, elevations)
-    building_of = {mass: b for b, building in enumerate(buildings) for mass, _ in building}
+    rods = homes(system.topology, of_rods=True)
+    building_of = {mass: b - 1 for mass, (b, _) in homes(system.topology).items()}
     ends_of_links = [two_ends(link.ends) for link in system.links]
     linked = [{building_of.get(end) for end in pair} for pair in ends_of_links]
     with_ends = zip(system.links, ends_of_links, strict=True)
@@ -92,27 +103,30 @@ def row(
     storey = min(float(x[int(x[0] < most / 2) :].min(initial=most)) for x in rises)
     feet = [float(ups[0]) - storey if ups[0] < storey / 2 else 0.0 for ups in heights]
     write = partial(_written, in_si(structures))
-    storeys, ends = {rod for x in buildings for _, rod in x}, system.topology.rods
-    beside = {frozenset(ends[r]): (r, x) for r, x in enumerate(system.rods) if r not in storeys}
+    ends = system.topology.rods
+    beside = {frozenset(ends[r]): (r, x) for r, x in enumerate(system.rods) if r not in rods}
     links = [(link, beside.pop(frozenset(link.ends), None)) for link in system.links]
     numbers = [_numbers(k, *link, write) for k, link in enumerate(links)]
     inside: dict[int, Lines] = {}  # of links within buildings, by the upper floor
-    for (x, _), homes, lines in zip(links, linked, numbers, strict=True):
-        if len(homes) == 1 or (None in homes and not _has_wall(x)):
+    for (x, _), pair, lines in zip(links, linked, numbers, strict=True):
+        if len(pair) == 1 or (None in pair and not _has_wall(x)):
             by_line = [(line, colour) for text, colour in lines for line in text.split("\n")]
             inside.setdefault(max(two_ends(x.ends)), []).extend(by_line)
     extra = [*map(len, inside.values()), *(text.count("\n") for x in numbers for text, _ in x)]
     storey_inches = _STOREY + _LINE * max(extra, default=0)
+    soil = bool(footings(system.topology))
+    deep = soil * storey * (_SLAB + 2.9 * _LINE) / storey_inches
     if ax is None:
-        inches, across = storey_inches * (top - min(feet)) / storey + 0.7, right + space[0][0]
+        inches = storey_inches * (top + deep - min(feet)) / storey + 0.7
+        across = right + space[0][0]
         closest = np.diff(np.unique(np.concatenate(heights))).min(initial=storey)
         inches *= float(np.clip(0.45 * storey / closest, 1.0, 2.0)) if at_columns else 1.0
         width = min(2.0, 0.15 * across + 0.3) if across < 14 else 2.0 * across / 14
         ax = new_axes(None, width, inches / house.FIGURE_SIZE[1])
     slab = storey * _SLAB / storey_inches
     ax.set_xlim(-0.4 - space[0][0], right + 0.4)
-    ax.set_ylim(min(feet) - 0.95 * storey, top + 1.2 * slab)
-    _ground(ax, lefts, space, feet, min(feet) - storey / 4)
+    ax.set_ylim(min(feet) - 0.95 * storey - deep, top + 1.2 * slab)
+    _ground(ax, lefts, space, feet, min(feet) - max(storey / 4, 1.3 * slab * soil))
     places: dict[int, Place] = {}
     for b, (building, ups, left) in enumerate(zip(buildings, heights, lefts, strict=True)):
         colour, with_words = house.building_colour(b), list[Storey]()
@@ -123,7 +137,9 @@ def row(
             with_words.append((up, in_floor, [(words, colour), *inside.get(mass, [])], share))
             places[mass] = left, up, feet[b]
         _building(ax, left, feet[b], slab, colour, with_words)
-        text_at(ax, left + _WIDTH / 2, min(feet) - 0.65 * storey, f"building {b + 1}", colour)
+        low = min(feet) - 0.65 * storey - deep
+        text_at(ax, left + _WIDTH / 2, low, f"building {b + 1}", colour)
+    places |= _footings(ax, structures, [*zip(lefts, feet, strict=True)], slab)
     for link, lines in zip(links, numbers, strict=True):
         _link(ax, *link, places, slab, lines)
     _finish(ax, links, elevations is not None)
@@ -203,6 +219,29 @@ def _building(ax: Axes, left: float, below: float, slab: float, colour: str, sto
         below = under + slab
 
 
+def _footings(
+    ax: Axes, structures: Structures, left_and_foot: Sequence[Any], slab: float
+) -> dict[int, Place]:
+    """Footings in the ground with their masses, and below each its soil's stiffnesses."""
+    system, places = structures.system(), dict[int, Place]()
+    write, line = partial(_written, in_si(structures)), slab * _LINE / _SLAB
+    building_of = homes(system.topology)
+    for footing, rotation in footings(system.topology).items():
+        b = building_of[footing][0] - 1
+        (left, foot), colour = left_and_foot[b], house.building_colour(b)
+        words = [f"$m_{{{footing + 1}}}$ = {write('mass', system.masses[footing])}"]
+        for r in (system.topology.rods.index((mass, GROUND)) for mass in (footing, rotation)):
+            words.append(f"$K_{{{r + 1}}}$ = {write('stiffness', system.rods[r].stiffness)}")
+        style: Any = {"edgecolor": colour, "facecolor": "white", "linewidth": 1.0, "zorder": 2}
+        ax.add_patch(Rectangle((left, foot - slab), _WIDTH, slab, **style))
+        up = foot - slab / 2
+        for i, text in enumerate(words):
+            down = slab / 2 + (1.25 * i - 0.4) * line if i else 0.0
+            text_at(ax, left + _WIDTH / 2, up - down, text, colour)
+        places[footing] = left, up, foot
+    return places
+
+
 def _written(si: bool, kind: str, number: Any) -> str:
     """A number, in SI with its unit."""
     if not si:
@@ -234,7 +273,7 @@ def _link(
 ) -> None:
     """What is between two floors: a line from the one to the other, and its numbers."""
     pair = two_ends(link.ends)
-    if isinstance(link.ends, WeightedMasses):  # a floor, and a column at its height
+    if isinstance(link.ends, WeightedMasses) and link.column:  # at the height of the floor
         hit, above, *_ = link.ends.masses
         inset = _WIDTH / 10 if hit < above else -_WIDTH / 10
         places = {**places, above: (places[above][0] + inset, *places[hit][1:])}

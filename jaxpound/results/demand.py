@@ -19,7 +19,7 @@ from jaxpound._fields import Quantity, part, pytree_dataclass, quantities, quant
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.row import checked_floors
-from jaxpound.model.topology import Topology, WeightedMasses, is_storey, masses_of, storey_rods
+from jaxpound.model.topology import Topology, is_storey, masses_of, storey_rods
 from jaxpound.quantities import column, unit
 from jaxpound.results import elements
 from jaxpound.results.element_demands import LinkDemand, MassDemand, RodDemand
@@ -254,8 +254,8 @@ def words_of(name: str, topology: Topology | None, quantity: Quantity | None = N
 def members_over_all(topology: Topology, has: Mapping[str, Sequence[bool]]) -> dict[str, Any]:
     """Group, element and field of the demands that each name without a number is the largest of."""
     members: dict[str, list[tuple[str, int, str]]] = {}
-    is_weighted = any(isinstance(ends, WeightedMasses) for ends in topology.rods)
-    if not is_weighted and any(map(is_storey, topology.rods)):  # else floors are not known
+    in_buildings = all(getattr(ends, "between", ends) for ends in topology.rods)
+    if in_buildings and any(map(is_storey, topology.rods)):  # else floors are not known
         drift, acceleration = OF_FLOORS
         # The drift of a storey above the ground is the displacement of its floor.
         members[drift] = [

@@ -162,7 +162,7 @@ def _of_building(
         return stacked(list(largest.values()))
 
     displacements = [demand.masses[m].peak_x for m in masses]
-    first, *drifts = (demand.rods[r].peak_drift for r in rods)
+    drifts = [demand.rods[r].peak_drift for r in rods]  # None of a storey above the ground
     ductilities = [demand.rods[r].ductility for r in rods]
     yields = ductilities.count(None) < len(rods)
     strokes = [
@@ -172,7 +172,7 @@ def _of_building(
         building=number,
         masses=masses,
         displacement=stacked(displacements),
-        drift=stacked([displacements[0] if first is None else first, *drifts]),
+        drift=stacked([displacements[0] if x is None else x for x in drifts]),
         acceleration=stacked([demand.masses[m].peak_acceleration for m in masses]),
         shear=stacked([demand.rods[r].peak_force for r in rods]),
         contact_left=contact(1),

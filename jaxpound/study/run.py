@@ -21,11 +21,12 @@ from tqdm.auto import tqdm
 
 from jaxpound._checks import count, require_memory
 from jaxpound._errors import InvalidInput, resumable, warn
+from jaxpound.buildings import Buildings
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import is_closable
-from jaxpound.model.topology import GROUND
+from jaxpound.model.topology import GROUND, Topology, floors, footings
 from jaxpound.results.named import PAIR
 from jaxpound.scenarios.sampling import key_numbers, require_sampling
 from jaxpound.scenarios.scenarios import ScenarioSet, grounds_at, structures_of, topology_of
@@ -177,6 +178,7 @@ def _require_memory(task: Task, chunks: int) -> None:
 def _context(task: Task) -> dict[str, Any]:
     """Notes and, at z = 0, the topology and (of a pair) period and damping ratio of each block."""
     scenarios, z = task.scenarios, jnp.zeros(task.scenarios.dimension)
+    topology = topology_of(scenarios)
 
     @jax.jit
     def oscillators(z: jax.Array) -> list[jax.Array]:
@@ -193,13 +195,31 @@ def _context(task: Task) -> dict[str, Any]:
             periods_and_ratios += [elastic.damping_ratio(stiffness, mass) + dashpots]
         return periods_and_ratios
 
-    numbers = cached("median", task.fingerprint, lambda: [*map(float, oscillators(z))])
+    def numbers_of_median() -> list[float]:
+        if _is_pair_on_soil(topology):
+            return _first_modes(scenarios.realize(z)[0])
+        return [*map(float, oscillators(z))]
+
+    numbers = cached("median", task.fingerprint, numbers_of_median)
     if not np.isfinite(numbers).all():
         values = ", ".join(f"{x:.4g}" for x in numbers)
         rule = f"must be valid, but periods and damping ratios of its structures are {values}"
         raise InvalidInput("the scenario of z = 0", "", rule)
     about = {"notes": task.storage.notes, "oscillators": numbers or None}
-    return about | {"topology": topology_of(scenarios)}
+    return about | {"topology": topology}
+
+
+def _is_pair_on_soil(topology: Topology) -> bool:
+    """Whether structures are two buildings of one storey, of which one is on soil."""
+    return bool(footings(topology)) and [len(x) for x in floors(topology)] == [1, 1]
+
+
+def _first_modes(structures: Any) -> list[float]:
+    """Period and damping ratio of the first mode of each block of ``Buildings``."""
+    if not isinstance(structures, Buildings):
+        return []
+    modes = [structures.modes(b) for b in range(2)]
+    return [float(x[0]) for mode in modes for x in (mode.periods, mode.damping_ratios)]
 
 
 def _run(

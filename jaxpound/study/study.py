@@ -18,7 +18,7 @@ from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure
 from jaxpound.model.places import link_places
 from jaxpound.model.row import checked_floors
-from jaxpound.model.topology import Topology
+from jaxpound.model.topology import Topology, floors, stored_ends
 from jaxpound.quantities import column, unit
 from jaxpound.results.elements import Columnar, of_link, without_idle_dampers
 from jaxpound.results.named import event_in_words, in_words, is_demand, kind_of
@@ -157,7 +157,7 @@ class Study(Columnar, Shown):
             raise ValueError("Study.topology: the store must be of this version; it lacks links")
         # Lists if they were read from a file.
         n_masses, rods, links, *tuned = self.about["topology"]
-        rods, links = (tuple((i, j) for i, j in ends) for ends in (rods, links))
+        rods, links = (tuple(map(stored_ends, ends)) for ends in (rods, links))
         return Topology(n_masses, rods, links, *map(tuple, tuned))
 
     def unit(self, name: str) -> str:
@@ -424,7 +424,8 @@ class Study(Columnar, Shown):
             rule = "must be a pair: two buildings of one storey and one link, which has a gap; for "
             rule += "a row, en_1998_gap takes the quantiles of peak_x of both floors of a link"
             raise InvalidInput("structures", "", rule)
-        u1, u2 = (self.quantile(f"peak_x{i}", 1 - probability).value for i in (1, 2))
+        masses = [building[0][0] + 1 for building in floors(self.topology)]
+        u1, u2 = (self.quantile(f"peak_x{i}", 1 - probability).value for i in masses)
         rho = double_difference_correlation(*oscillators)
         rules = u1 + u2, srss(u1, u2), max(u1**2 + u2**2 - 2 * rho * u1 * u2, 0.0) ** 0.5
         return Separation(self.required_gap(probability, confidence), *rules, correlation=rho)

@@ -255,10 +255,6 @@ test_links = refusals(
         "damper = {law = 'dashpot'}",
         "damper lacks the key 'coefficient', which law = .dashpot. needs",
     ),
-    (
-        "damper = {law = 'dashpot', coefficient = 1, stiffness = 1}",
-        "damper stiffness must not be given with law = .dashpot.",
-    ),
     ("damper = {law = 'power', force = 1, exponent = 1}", "damper lacks the key 'stiffness'"),
     ("inerter = {}", "inerter lacks the key 'inertance'"),
     ("inerter = {inertance = -1}", "inerter inertance = -1 kg must be between 0 and 1e.12"),

@@ -305,7 +305,12 @@ def test_a_batch_has_the_stability_limit_of_its_least():
 
 test_wrong_dashpots_are_named = refusals(
     (lambda: jp.Dashpot(-1.0), "Dashpot: coefficient = -1 must be finite and not negative"),
-    (lambda: jp.Rod(jp.Dashpot(1.0), 5.0), "Rod: stiffness = 5.0 must be left out for Dashpot"),
+    (
+        lambda: jp.System(
+            (1.0,), (jp.Rod(SPRING, 1.0, (0, G)), jp.Rod(jp.Dashpot(1.0), 5.0, (0, G)))
+        ),
+        r"System: rods\.1\.stiffness = 5\.0 must be left out for Dashpot",
+    ),
     (lambda: jp.Rod(SPRING), "Rod: stiffness = None must be positive for ZenerRod"),
     (
         lambda: jp.System((1.0,), (jp.Rod(jp.Dashpot(1.0), ends=(0, G)),)),

@@ -229,7 +229,8 @@ def frame_of(system):
     )
     sliders, faces = [], []
     for link in system.links:
-        if getattr(link.ends, "side", 1) > 0:  # a left face has the weights of the right face before it
+        side = getattr(link.ends, "side", 1)
+        if side > 0:  # a left face has the weights of the right face before it
             ends = weighted(link.ends, link.weights)
             sliders.append(exact.Slider(link.friction, ends))
         if isinstance(link.contact, jp.Newton):
@@ -238,7 +239,7 @@ def frame_of(system):
             mass = exact.effective_mass(ends, system.masses)
             law = exact.kelvin_voigt(link.contact.stiffness, link.contact.restitution, mass)
         if link.contact is not None:
-            faces.append(exact.Face(len(sliders) - 1, getattr(link.ends, "side", 1), float(link.gap), law))
+            faces.append(exact.Face(len(sliders) - 1, side, float(link.gap), law))
     return exact.Frame(system.masses, rods, tuple(sliders), tuple(faces), system.influences)
 
 

@@ -23,6 +23,7 @@ SMALL = {
     "columns": partial(CASES["columns"], (0.04, 0.02), 1),
     "corners": partial(CASES["corners"], (0.04, 0.02), 1),
     "supports": partial(CASES["supports"], (0.04, 0.02), 1),
+    "soil": partial(CASES["soil"], (0.04, 0.02), (0.0,)),
     "yielding": partial(CASES["yielding"], COARSE, ["one_bilinear"]),
     "energy": partial(CASES["energy"], (0.01,), ["row3_kelvin"]),
     "gradients": partial(CASES["gradients"], (0.04,), contact=False),
