@@ -25,7 +25,7 @@ from jaxpound.model.row import (
 )
 from jaxpound.model.shear_building import ShearBuilding, in_units, n_ends, storeys_of
 from jaxpound.model.system import System, as_tuple, is_closable, require_independent
-from jaxpound.model.topology import GROUND
+from jaxpound.model.topology import GROUND, support
 from jaxpound.model.vibration import Modes, modes
 from jaxpound.quantities import SI, STANDARD_GRAVITY
 from jaxpound.units import Scales, law_in_other_units
@@ -109,9 +109,21 @@ class Buildings:
             enforce([friction, *gaps, *chain(*laws)])
         require_floors(list(map(n_ends, self.buildings)), self.links, LinkLabels())
         require_heights(self.buildings, self.links, LinkLabels())
+        self._require_own_support()
         on_soil = any(getattr(building, "footing", None) for building in self.buildings)
         if on_soil or any(link.column for link in self.links):
             require_independent(self.system())
+
+    def _require_own_support(self) -> None:
+        """An ``InvalidInput`` for a link of bearings to a support that their spring is not on."""
+        for k, link in enumerate(self.links if self.supports else ()):
+            building: Any = self.buildings[link.building]
+            stands_on = support(self.supports[link.building])
+            is_base = link.floor == 0 and getattr(building, "n_bearings", 0) > 0
+            on_soil = getattr(building, "footing", None) is not None
+            if is_base and not on_soil and stands_on != link.other_building == GROUND:
+                rule = f"must be support({GROUND - stands_on}), which the bearings stand on"
+                raise InvalidInput(f"links.{k}.next_building", "GROUND", rule)
 
     @property
     def doubts(self) -> list[str]:

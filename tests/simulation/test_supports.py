@@ -101,7 +101,6 @@ LAWS = {
     "Kelvin–Voigt, in a ring": (jp.KelvinVoigt(1e3, 0.6), 0.0, True),
     "Newton": (jp.Newton(0.6), 0.0, False),
     "friction": (None, 0.1, True),
-    "friction and contact": (jp.KelvinVoigt(1e3, 0.6), 0.02, False),
 }
 
 
@@ -265,7 +264,14 @@ def gapless(number):
     return jp.Buildings((jp.Building(1e5, 1e7),), supports=(number,) * 2)
 
 
+def isolated():
+    frame = jp.ShearBuilding.from_period(2, 300e3, period=0.5, damping_ratio=0.03)
+    base, links = jp.on_bearings(frame, jp.FrictionPendulum(2.24, 0.06), 350e3)
+    return jp.Buildings((base,), links, supports=(1,))
+
+
 test_wrong_supports_are_refused = refusals(
+    (isolated, r"links.0.next_building = GROUND must be support\(1\), which the bearings stand"),
     (jp.support, -1, "number = -1 must be a whole number from 0 on"),
     (jp.Rod, SPRING, 1.0, (FIRST, G), "must be two different masses"),
     (jp.simulate, deck(), (AT_0, AT_1, AT_2), GRID, "motions of 3 supports, must be of 2: struct"),
