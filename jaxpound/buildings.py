@@ -91,9 +91,11 @@ class Buildings:
         warn(self.doubts, strict=False)
 
     @classmethod
-    def of(cls, buildings: Any, links: Any = (), gravity: Any = STANDARD_GRAVITY) -> Buildings:
+    def of(
+        cls, buildings: Any, links: Any = (), gravity: Any = STANDARD_GRAVITY, supports: Any = ()
+    ) -> Buildings:
         """Buildings of a function, which errors name and which itself warns."""
-        self = unchecked(cls, buildings=buildings, links=links, gravity=gravity)
+        self = unchecked(cls, buildings=buildings, links=links, gravity=gravity, supports=supports)
         self._check()
         return self
 

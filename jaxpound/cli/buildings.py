@@ -53,7 +53,7 @@ _LISTED = Form(("masses", "stiffnesses", "order", "tau_f", "tau_x"), ("damping",
 _LISTED_SPRINGS = Form(("masses", "stiffnesses", "damping"), _MORE)
 _LISTED_DASHPOTS = Form(("masses", "stiffnesses", "dashpots"), ("damping", *_MORE[:-1]))
 _OF_BUILDING = (*map(Form, (("storeys",), ("published",))), _BY_PERIOD, _BY_ROD)
-OF_STOREYS = ("storeys", "published", "isolation", "tuned_mass", "soil")
+OF_STOREYS = ("storeys", "published", "isolation", "tuned_mass", "soil", "support")
 _FLOOR = Form(("building", "floor"), ("next_building", "next_floor"))
 _FLOORS = Form(("building", "floors"), ("next_building",))
 _COMMON = Form(("floors",), ("building",))  # "common" ones, of neighbours
@@ -73,7 +73,11 @@ _Floors = Annotated[
     Literal["common"] | Annotated[list[_Number], Meta(min_length=1)],
     says('"common" or a list of floors, counted from 1'),
 ]
-_Neighbour = Annotated[_Number | Literal["ground"], says('the number of a building, or "ground"')]
+_SUPPORT = "support "
+_Neighbour = Annotated[
+    _Number | Annotated[str, Meta(pattern=rf"^(ground|{_SUPPORT}[1-9]\d*)$")],
+    says('the number of a building, "ground", or a support, such as "support 2"'),
+]
 
 _YIELD_LAWS: dict[str, Any] = {"bilinear": jp.Bilinear, "bouc-wen": jp.BoucWen, "elastic": NoneType}
 _OF_STOREY = "yield_displacement"  # of each storey, by its strength
@@ -225,6 +229,7 @@ class BuildingSection(YieldingSection):
     isolation: IsolationSection | None = None
     tuned_mass: TunedMassSection | None = None
     soil: SoilSection | None = None
+    support: _Number | None = None
 
     def __post_init__(self) -> None:
         self.require_form(*_OF_BUILDING)
@@ -283,8 +288,8 @@ class LinkSection(Section):
 
     def __post_init__(self) -> None:
         self.require_form(*((_COMMON, _FLOOR) if self.floors == "common" else (_FLOOR, _FLOORS)))
-        if self.next_building == "ground":
-            self.refuse_any(("next_floor",), "must not be given with ground")
+        if isinstance(self.next_building, str):
+            self.refuse_any(("next_floor",), f"must not be given with {self.next_building}")
         if self.contact is not None:
             self.require_all(("gap",), ", which contact needs")
         if self.stated().keys().isdisjoint(_BETWEEN):
@@ -307,8 +312,7 @@ class LinkSection(Section):
             floors = [(x.building, x.floor, x.next_floor, None, x.column) for x in common]
         else:
             stated: Any = self  # with a building, and one floor or several
-            other = self.next_building  # from here on numbers are those of FloorLink, from 0
-            other = jp.GROUND if other == "ground" else None if other is None else other - 1
+            other = _end_of(self.next_building)
             next_floor = None if self.next_floor is None else self.next_floor - 1
             numbers = stated.floors or [stated.floor]
             floors = [(stated.building - 1, i - 1, next_floor, other, column) for i in numbers]
@@ -320,6 +324,20 @@ class LinkSection(Section):
             ends = {"next_floor": j, "next_building": other, "column": column}
             links.append(jp.FloorLink(b, i, **(between | ends)))
         return [*by_face(links)]
+
+
+def _end_of(next_building: int | str | None) -> int | None:
+    """The other end of a link as ``FloorLink`` has it, from 0."""
+    if isinstance(next_building, str):
+        return jp.support(int(next_building.removeprefix(_SUPPORT).replace("ground", "1")) - 1)
+    return None if next_building is None else next_building - 1
+
+
+def end_in_file(end: int) -> int | str:
+    """``next_building`` of a file: a building, from 1, the ground or another support."""
+    if end >= 0:
+        return end + 1
+    return "ground" if end == jp.GROUND else f"{_SUPPORT}{jp.GROUND - end + 1}"
 
 
 class BuildingsLayout(NamedTuple):
@@ -348,7 +366,8 @@ class BuildingsLayout(NamedTuple):
         require_floors(list(map(n_ends, models)), floor_links, labels)
         require_heights(models, floor_links, labels)
         bearings = tuple(building.isolation for building in buildings)
-        return cls(jp.Buildings.of(models, floor_links), tables, bearings)
+        supports = tuple((building.support or 1) - 1 for building in buildings)
+        return cls(jp.Buildings.of(models, floor_links, supports=supports), tables, bearings)
 
     @property
     def shear_buildings(self) -> tuple[jp.ShearBuilding, ...]:
@@ -372,7 +391,7 @@ def as_toml(buildings: jp.Buildings) -> str:
     Raises ``InvalidInput`` for storeys of a building that do not yield by one law of a file.
     """
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
-    for building in buildings.buildings:
+    for number, building in enumerate(buildings.buildings):
         storeys = storeys_of(building)
         springs = [storey.order is None for storey in storeys]
         keys = ("mass", "stiffness") if all(springs) else _BY_ROD.needed
@@ -389,7 +408,8 @@ def as_toml(buildings: jp.Buildings) -> str:
         footing = getattr(building, "footing", None)
         soil = [f"{x} = {_written(get(footing, path))}" for x, path in soil_keys(footing).items()]
         yields += [f"soil = {{{', '.join(soil)}}}"] if soil else []
-        lines += ["[[building]]", *yields, "[building.storeys]", *_lists(series)]
+        stands_on = [f"support = {buildings.supports[number] + 1}"] if buildings.supports else []
+        lines += ["[[building]]", *stands_on, *yields, "[building.storeys]", *_lists(series)]
         damping = getattr(building, "damping", None)
         if damping is not None or (all(springs) and "dashpots" not in series):
             lines.append(f"damping = {{{', '.join(_damping(damping))}}}")
@@ -398,10 +418,8 @@ def as_toml(buildings: jp.Buildings) -> str:
         lines.append("")
     for link in buildings.links:
         lines += ["[[link]]", f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
-        if link.other_floor == jp.GROUND:
-            lines.append('next_building = "ground"')
-        else:
-            lines.append(f"next_building = {link.other_building + 1}")
+        lines.append(f"next_building = {json.dumps(end_in_file(link.other_building))}")
+        if link.other_floor >= 0:
             lines.append(f"next_floor = {link.other_floor + 1}")
         lines += ['side = "left"'] * (link.side == "left")
         lines.append(f"friction_force = {_written(link.friction)}  # N")

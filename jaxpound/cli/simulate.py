@@ -13,7 +13,7 @@ import numpy as np
 
 import jaxpound as jp
 from jaxpound._fields import quantities
-from jaxpound.cli.buildings import BuildingsLayout
+from jaxpound.cli.buildings import BuildingsLayout, end_in_file
 from jaxpound.cli.files import (
     csv_text,
     images,
@@ -23,7 +23,7 @@ from jaxpound.cli.files import (
     table_of,
     write_files,
 )
-from jaxpound.cli.reading import File, Section, between, named
+from jaxpound.cli.reading import File, Section, between, each, named
 from jaxpound.cli.structures import Structured
 from jaxpound.cli.tables import FACTOR_ON_RECORD
 from jaxpound.ground.plausibility import OFFSET
@@ -35,6 +35,7 @@ from jaxpound.results.element_demands import RodDemand
 from jaxpound.results.impacts import ImpactSeries
 from jaxpound.simulation.time_steps import record_grid
 
+_Distance = Annotated[float, between(0, 1e5, "m", "from where the wave comes from")]
 _Pga = Annotated[float, between(1e-6, MOST_PGA, "g", "several times the largest ever recorded")]
 
 
@@ -52,6 +53,16 @@ class RecordSection(Section):
             raise ValueError("scale = 0 must not be 0: nothing would shake")
 
 
+class WaveSection(Section):
+    """A wave that travels along supports: its velocity, and the distance of each support."""
+
+    velocity: Annotated[float, between(1, 1e5, "m/s", "200 to 2,000 m/s is usual")]
+    distances: Annotated[list[_Distance], each(_Distance)]
+
+    def __len__(self) -> int:
+        return len(self.distances)
+
+
 class Output(Section):
     """What is written in addition to summary and figures."""
 
@@ -62,6 +73,7 @@ class Simulation(Structured):
     """The configuration of ``jaxpound simulate``."""
 
     ground: RecordSection = RecordSection()
+    wave: WaveSection | None = None
     output: Output = Output()
 
 
@@ -140,10 +152,13 @@ def respond(
 ) -> jp.Response:
     """The run in SI units, as the library makes it of these buildings."""
     run, buildings = configuration.run, configuration.buildings
-    options = run.scheme, [record], run.duration, run.dt, strict
+    ground: Any = record
+    if (wave := configuration.wave) is not None:
+        ground = jp.travelling(record, wave.velocity, wave.distances)
+    options = run.scheme, [*ground.parts()], run.duration, run.dt, strict
     grid = record_grid(buildings, *options, place=f"{file.name}: [run]")
     with named(f"{file.name}:"):
-        return jp.simulate(buildings, record, grid, run.scheme, strict=strict)
+        return jp.simulate(buildings, ground, grid, run.scheme, strict=strict)
 
 
 def summary(
@@ -263,13 +278,13 @@ def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str
     )
     last = len(response.masses) + len(dampers) - 1  # a dashpot is behind its spring
     damper = response.demand.rods[last] if link.damper else None
-    ground = link.other_floor == jp.GROUND
+    ground = link.other_floor <= jp.GROUND
     return {
         "table": layout.tables[k],
         "between": link_places(response.topology)[k],
         "building": link.building + 1,
         "floor": link.floor + 1,
-        "next_building": "ground" if ground else link.other_building + 1,
+        "next_building": end_in_file(link.other_building),
         "next_floor": None if ground else link.other_floor + 1,
         "gap_m": float(link.gap),
         "friction_force_N": float(link.friction),

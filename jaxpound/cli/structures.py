@@ -46,6 +46,10 @@ class Structured(Section, dict=True):
             link = f"[[link]] {number} ({place}): " if self.link else ""  # a pair has one
             findings = [x.replace(f"link {place}: ", link) if number else x for x in findings]
         warn(findings)
+        stated, needed = len(getattr(self, "wave", None) or ()), system.topology.n_supports + 1
+        if stated != needed and (stated or needed > 1):
+            rule = f"must be {needed}, one for each support that buildings and links name"
+            raise refused("[wave] distances", rule, f"{stated} of them")
 
     @cached_property
     def layout(self) -> BuildingsLayout:
