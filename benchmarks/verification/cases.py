@@ -3,6 +3,7 @@
 from benchmarks.verification import (
     collisions,
     columns,
+    corners,
     coulomb_decay,
     damping,
     den_hartog,
@@ -30,6 +31,7 @@ CASES = {
     "rows": rows.case,
     "columns": columns.case,
     "soil": soil.case,
+    "corners": corners.case,
     "yielding": yielding.case,
     "energy": energy.case,
     "gradients": gradients.case,

@@ -22,6 +22,7 @@ SMALL = {
     "rows": partial(CASES["rows"], (0.01,), ["row3_kelvin"]),
     "columns": partial(CASES["columns"], (0.04, 0.02), 1),
     "soil": partial(CASES["soil"], (0.04, 0.02), (0.0,)),
+    "corners": partial(CASES["corners"], (0.04, 0.02), 1),
     "yielding": partial(CASES["yielding"], COARSE, ["one_bilinear"]),
     "energy": partial(CASES["energy"], (0.01,), ["row3_kelvin"]),
     "gradients": partial(CASES["gradients"], (0.04,), contact=False),

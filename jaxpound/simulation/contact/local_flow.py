@@ -137,9 +137,11 @@ def advance(constants: Constants, flow: FlowProgress) -> FlowProgress:
     left = h / 2 - x.y.t
     passes = ~wrong & (y.t >= h / 2) & (left > 0)
     middle = x._replace(y=substep.at(jnp.where(passes, left, 0.0)))
+    # A force at its peak does not rise again, by rounding, as another's peaks at the same instant.
+    rises_on = wrong | (y.t - x.y.t <= _AT_ONCE * h)
     after = x._replace(
         y=jax.tree.map(partial(jnp.where, wrong), x.y, y),
-        rising=jnp.where(wrong, x.rising, local.growth > 0),
+        rising=jnp.where(rises_on, x.rising, local.growth > 0),
     )
     happens, number = ~wrong & jnp.isfinite(event.time), 0
     for kind, size in events.possible(constants):
