@@ -24,7 +24,13 @@ from jaxpound.model.row import (
     require_heights,
 )
 from jaxpound.model.shear_building import ShearBuilding, in_units, n_ends, storeys_of
-from jaxpound.model.system import System, as_tuple, is_closable, require_independent
+from jaxpound.model.system import (
+    System,
+    as_tuple,
+    is_closable,
+    may_hold,
+    require_independent,
+)
 from jaxpound.model.topology import GROUND, support
 from jaxpound.model.vibration import Modes, modes
 from jaxpound.quantities import SI, STANDARD_GRAVITY
@@ -117,15 +123,20 @@ class Buildings:
             require_independent(self.system())
 
     def _require_own_support(self) -> None:
-        """An ``InvalidInput`` for a link of bearings to a support that their spring is not on."""
+        """An ``InvalidInput`` for bearings and inerters that lead to a support not theirs."""
         for k, link in enumerate(self.links if self.supports else ()):
             building: Any = self.buildings[link.building]
             stands_on = support(self.supports[link.building])
+            if getattr(building, "footing", None) is not None:  # which is its ground
+                stands_on = GROUND
             is_base = link.floor == 0 and getattr(building, "n_bearings", 0) > 0
-            on_soil = getattr(building, "footing", None) is not None
-            if is_base and not on_soil and stands_on != link.other_building == GROUND:
-                rule = f"must be support({GROUND - stands_on}), which the bearings stand on"
-                raise InvalidInput(f"links.{k}.next_building", "GROUND", rule)
+            slides = may_hold(link) or link.damper is not None
+            if link.other_building in (stands_on, link.building) or link.other_building >= 0:
+                continue
+            if (is_base and slides) or link.inerter is not None:
+                number = GROUND - stands_on
+                rule = f"must be support({number}), on which bearings and inerters of it stand"
+                raise InvalidInput(f"links.{k}.next_building", str(link.other_building), rule)
 
     @property
     def doubts(self) -> list[str]:

@@ -333,10 +333,10 @@ def _end_of(next_building: int | str | None) -> int | None:
     return None if next_building is None else next_building - 1
 
 
-def end_in_file(end: int) -> int | str:
-    """``next_building`` of a file: a building, from 1, the ground or another support."""
-    if end >= 0:
-        return end + 1
+def end_in_file(link: jp.FloorLink) -> int | str:
+    """``next_building`` of a link in a file: a building, from 1, the ground or another support."""
+    if (end := link.other_floor) >= 0:
+        return link.other_building + 1
     return "ground" if end == jp.GROUND else f"{_SUPPORT}{jp.GROUND - end + 1}"
 
 
@@ -418,7 +418,7 @@ def as_toml(buildings: jp.Buildings) -> str:
         lines.append("")
     for link in buildings.links:
         lines += ["[[link]]", f"building = {link.building + 1}", f"floor = {link.floor + 1}"]
-        lines.append(f"next_building = {json.dumps(end_in_file(link.other_building))}")
+        lines.append(f"next_building = {json.dumps(end_in_file(link))}")
         if link.other_floor >= 0:
             lines.append(f"next_floor = {link.other_floor + 1}")
         lines += ['side = "left"'] * (link.side == "left")

@@ -284,7 +284,7 @@ def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str
         "between": link_places(response.topology)[k],
         "building": link.building + 1,
         "floor": link.floor + 1,
-        "next_building": end_in_file(link.other_building),
+        "next_building": end_in_file(link),
         "next_floor": None if ground else link.other_floor + 1,
         "gap_m": float(link.gap),
         "friction_force_N": float(link.friction),

@@ -345,6 +345,16 @@ class SupportMotions(Sum):
     Its own acceleration is that of support 0, relative to which displacements are.
     """
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for k, ground in enumerate(self.grounds):
+            if isinstance(ground, tuple | SupportMotions):
+                raise InvalidInput(f"grounds[{k}]", repr(ground), "must be of one support")
+
+    def unresolved(self, dt: float) -> list[str]:
+        """Sentences on the parts that steps of ``dt`` do not resolve, of those alike one."""
+        return [*dict.fromkeys(super().unresolved(dt))]
+
     def _combined(self, values: Sequence[Any]) -> Any:
         return values[0]
 

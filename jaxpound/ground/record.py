@@ -280,6 +280,14 @@ class _LateRecord(Record):
         """Time of the last sample."""
         return self.delay + super().duration
 
+    def dimensionless(self, frequency: Any) -> Record:
+        motion.require_seconds("record", self)
+        changed = super()._with(self.samples, self.dt * frequency, time_unit=motion.DIMENSIONLESS)
+        return changed._later(self.delay * frequency)
+
+    def _with(self, samples: Any, dt: Any = None, **fields: Any) -> Record:
+        return super()._with(samples, dt, **fields)._later(self.delay)
+
     def energy(self, since: float) -> float:
         return super().energy(since - float(self.delay))
 

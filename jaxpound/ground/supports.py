@@ -51,7 +51,10 @@ def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> A
     """
     distances = as_tuple("distances", distances)
     if hasattr(ground, "draw"):
-        return ground._travelling(velocity, distances)  # type: ignore[union-attr]
+        if (travels := getattr(ground, "_travelling", None)) is None:
+            rule = "must be a ground motion, or a random one of the library: jp.RandomRicker, …"
+            raise InvalidInput("ground", repr(ground), rule)
+        return travels(velocity, distances)
     velocity = number("velocity", velocity)
     enforce([Rule("velocity", velocity, velocity > 0, "positive")])
     for k, x in enumerate(distances):

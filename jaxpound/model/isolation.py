@@ -257,7 +257,9 @@ def on_bearings(
     between = bearing.between(weight)
     link = wall.link if wall else partial(FloorLink, floor=0, next_building=GROUND)
     higher = [
-        replace(x, floor=x.floor + 1, next_floor=x.other_floor + 1, next_building=number)
+        replace(x, floor=x.floor + 1)
+        if x.other_floor < GROUND  # another support
+        else replace(x, floor=x.floor + 1, next_floor=x.other_floor + 1, next_building=number)
         for x in links  # GROUND is one below floor 0
     ]
     of_base = [link(number, **between)] if wall or between else []

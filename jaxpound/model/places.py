@@ -12,6 +12,7 @@ from jaxpound.model.topology import (
     Topology,
     WeightedMasses,
     faces,
+    soil_spring,
     stacks,
     two_ends,
 )
@@ -72,8 +73,8 @@ def homes(topology: Topology, *, of_rods: bool = False) -> dict[int, Ends]:
                 places[pair[of_rods]] = building, TUNED if is_tuned else floor
             if isinstance(ends := topology.rods[stack[0][1]], WeightedMasses):
                 for number, mass in zip((FOOTING, ROTATION), ends.masses[1:], strict=True):
-                    spring = topology.rods.index((mass, GROUND))
-                    places[spring if of_rods else mass] = building, number
+                    key = soil_spring(topology, mass) if of_rods else mass
+                    places[key] = building, number
     return places
 
 

@@ -266,8 +266,8 @@ def _touching(place: str, link: Link, floors: _Floors) -> str:
 
 
 def _two_masses(ends: AnyEnds) -> list[int]:
-    """The masses that a link is between, without the ground."""
-    return [end for end in two_ends(ends) if end != GROUND]
+    """The masses that a link is between, without the ground and other supports."""
+    return [end for end in two_ends(ends) if end > GROUND]
 
 
 def _first(findings: list[str]) -> list[str]:

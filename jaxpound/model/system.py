@@ -297,6 +297,10 @@ class System:
             raise InvalidInput("masses", "()", "must hold at least one mass")
         for name in ("rods", "links", "damping"):
             for k, element in enumerate(getattr(self, name)):
+                alone = Topology(n, (element.ends,), ())
+                if name == "damping" and alone.n_supports > topology.n_supports:
+                    rule = "must lead to a support that a rod or a link leads to, too"
+                    raise InvalidInput(f"damping.{k}.ends", _written(element), rule)
                 if max(masses_of(element.ends)) >= n:
                     rule = f"must name masses from 0 to {n - 1}, or GROUND (-1)"
                     raise InvalidInput(f"{name}.{k}.ends", _written(element), rule)
@@ -480,7 +484,8 @@ def in_parallel(damper: Rod) -> tuple[Rod, ...]:
 
 def may_hold(link: Any) -> bool:
     """Whether a link may hold its ends to each other: by friction in stick, or Newton's contact."""
-    friction = is_traced(link.friction) or bool(np.any(np.asarray(link.friction) != 0))
+    # Structures are traced as they are changed, which were checked before.
+    friction = not is_traced(link.friction) and bool(np.any(np.asarray(link.friction) != 0))
     holds = (*link.contact,) if isinstance(link.contact, tuple) else (link.contact,)
     rests = any(isinstance(law, Newton) for law in holds)
     return friction or rests or link.velocity_friction is not None

@@ -177,6 +177,15 @@ def on_soil(topology: Topology) -> set[int]:
     return {mass for pair in footings(topology).items() for mass in pair}
 
 
+def soil_spring(topology: Topology, mass: int) -> int:
+    """The spring of the soil under a footing, by its mass, or against its rotation."""
+    return next(
+        number
+        for number, ends in enumerate(topology.rods)
+        if not isinstance(ends, WeightedMasses) and mass in ends and min(ends) <= GROUND
+    )
+
+
 def _on_rigid_ground(topology: Topology) -> list[AnyEnds]:
     """The ends of rods as if footings were the ground."""
     soil, rods = on_soil(topology), list[AnyEnds]()
@@ -243,9 +252,8 @@ def rod_groups(topology: Topology) -> list[tuple[int, ...]]:
 def joined_ends(n: int, edges: Iterable[AnyEnds]) -> tuple[dict[int, int], list[int]]:
     """The smallest member of the group of each mass, and of the ground, that edges make.
 
-    All supports are ground.
-    And the edges, by number, that close no ring with those before them; with weights, those that
-    join groups.
+    All supports are ground. And the edges, by number, that close no ring with those before them;
+    with weights, those that join groups.
     """
     group, tree = {end: end for end in range(GROUND, n)}, list[int]()
     for k, ends in enumerate(edges):

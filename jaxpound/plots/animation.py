@@ -97,6 +97,10 @@ class Scene:
                 below = _Floor(ax, x, corner, (share * w, slab), building_colour(b), below)
                 self._floors[mass] = below
                 below.first_yield_time = response.demand.rods[rod].first_yield_time
+                lowest_end = min(two_ends(response.topology.rods[rod]))
+                if lowest_end < GROUND:
+                    moved = response.supports[GROUND - lowest_end].displacement
+                    below.foot = np.asarray(moved)
         for left, rest, ends in between:
             if rest < spaces[left]:
                 for end in ends:  # at a column the floor above it, too
@@ -136,6 +140,7 @@ class _Floor:
     ) -> None:
         self.x, self._below, self._colour = x, below, colour
         self.first_yield_time: Any = None
+        self.foot = 0 * x  # what its support moves, of a lowest floor
         (self.left, self.low), (self.width, slab) = corner, size
         self.high = self.low + slab
         self._extensions = [0.0, 0.0]  # to the left and to the right
@@ -156,7 +161,7 @@ class _Floor:
         left = self.face(i, False)
         self._body.set(x=left, width=self.face(i, True) - left)
         below = self._below
-        base, start = (0.0, 0.0) if below is None else (below.high, float(below.x[i]))
+        base, start = (0.0, self.foot[i]) if below is None else (below.high, float(below.x[i]))
         s = np.linspace(0, 1, 12)
         bent = start + (float(self.x[i]) - start) * (3 * s**2 - 2 * s**3)
         for line, share in zip(self._columns, (0.1, 0.9), strict=True):

@@ -25,6 +25,7 @@ from jaxpound.model.topology import (
     WeightedMasses,
     floors,
     footings,
+    soil_spring,
     stacks,
     two_ends,
 )
@@ -230,7 +231,7 @@ def _footings(
         b = building_of[footing][0] - 1
         (left, foot), colour = left_and_foot[b], house.building_colour(b)
         words = [f"$m_{{{footing + 1}}}$ = {write('mass', system.masses[footing])}"]
-        for r in (system.topology.rods.index((mass, GROUND)) for mass in (footing, rotation)):
+        for r in (soil_spring(system.topology, mass) for mass in (footing, rotation)):
             words.append(f"$K_{{{r + 1}}}$ = {write('stiffness', system.rods[r].stiffness)}")
         style: Any = {"edgecolor": colour, "facecolor": "white", "linewidth": 1.0, "zorder": 2}
         ax.add_patch(Rectangle((left, foot - slab), _WIDTH, slab, **style))

@@ -17,7 +17,7 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.run_input import as_run
-from jaxpound.model.ends import elongation, load_on
+from jaxpound.model.ends import along, load_on, moving_ends
 from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.system import Structures, System, gravity_of, is_closable
 from jaxpound.model.topology import storey_rods
@@ -47,10 +47,11 @@ def _accelerations(system: StepConstants, now: Instant) -> tuple[Any, ...]:
 
 
 _OBSERVERS: dict[str, Any] = {  # by kind the numbers at an instant, and how many there are
-    # Displacement of each mass, and the closing of each link: its gap at rest less its gap.
+    # Displacement of each mass and support, and the closing of each link: its gap at rest less its
+    # gap.
     "length": (
-        lambda system, now: (*now.x[: len(system.masses)], *(x.closing for x in now.links)),
-        lambda topology: topology.n_masses + len(topology.links),
+        lambda system, now: (*now.x, *(x.closing for x in now.links)),
+        lambda topology: topology.n_masses + topology.n_supports + len(topology.links),
     ),
     "acceleration": (_accelerations, lambda topology: topology.n_masses),
     "force": (lambda system, now: now.forces, lambda topology: len(topology.rods)),
@@ -62,8 +63,8 @@ class Series(NamedTuple):
 
     words: str  # its quantity and place: "drift, storey 2 of building 1"
     row: np.ndarray
-    """Factors of each mass's displacement, each link's closing and each link's gap at rest, or of
-    each mass's acceleration, or of each rod's force."""
+    """Factors of the displacement of each mass and, from the last on, support, each link's closing
+    and each link's gap at rest, or of each mass's acceleration, or of each rod's force."""
     kind: str = "length"  # or "acceleration" or "force", the same for all series of a demand
 
 
@@ -93,7 +94,8 @@ def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]
     topology, links, place = system.topology, system.links, place_of(Demand, demand)
     masses, rods = mass_places(topology), rod_places(topology)
     n, m, field = topology.n_masses, len(links), demand if place is None else place.field
-    displacements, closings, gaps = np.split(np.eye(n + 2 * m), [n, n + m])
+    n_moved = n + topology.n_supports
+    displacements, closings, gaps = np.split(np.eye(n_moved + 2 * m), [n_moved, n_moved + m])
 
     def elements(group: str, n_all: int) -> Iterable[int]:
         """Numbers of the elements that the demand is of."""
@@ -110,10 +112,10 @@ def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]
             for k in elements("links", m)
             if is_closable(links[k].gap) and not (by_impacts and links[k].contact is None)
         )
-    drifts = [elongation(rod, [*displacements]) for rod in system.rods]
+    drifts = [along(moving_ends(rod), [*displacements]) for rod in system.rods]
     factors: dict[str, tuple[str, str, tuple[str, ...], Any, str]] = {
         "peak_drift": ("drift", "rods", rods, drifts, "length"),
-        "peak_x": ("displacement", "masses", masses, displacements, "length"),
+        "peak_x": ("displacement", "masses", masses, displacements[:n], "length"),
         "peak_force": ("force", "rods", rods, np.eye(len(rods)), "force"),
         "peak_acceleration": ("acceleration", "masses", masses, np.eye(n), "acceleration"),
     }

@@ -26,7 +26,7 @@ class MassDemand:
     """Scalars of a mass."""
 
     peak_x: Any = _peak(2, "length", "peak displacement of building {}", "peak $|x_{}|$", "*{}")
-    """Largest |x|, displacement relative to the ground."""
+    """Largest |x|, displacement relative to the ground; where supports move apart, to support 0."""
     peak_acceleration: Any = _peak(
         4, "acceleration", "peak absolute acceleration of building {}", "peak $|a_{}|$", "*_{}"
     )
@@ -47,8 +47,9 @@ class RodDemand:
         only="storey",
         default=None,
     )
-    """Largest |e|, the elongation of a rod between two masses: the drift of a storey. None for a
-    rod to the ground: its elongation is the displacement of its mass, ``peak_x``."""
+    """Largest |e|, the elongation of a rod between two masses, or to a support that moves: the
+    drift of a storey. None for a rod to the ground: its elongation is the displacement of its mass,
+    ``peak_x``."""
     ductility: Any = _yields(18, None, "ductility of storey {}", r"ductility $\mu_{}$")
     """Largest |e| over the elongation e_y at yield. None, as all below, of a rod that never
     yields."""

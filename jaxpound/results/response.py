@@ -420,7 +420,8 @@ class Energy(NamedTuple):
     yielding: Any = 0.0
     """Energy dissipated by rods that yield and by viscous dampers, a part of ``rods``."""
     damping: Any = 0.0
-    """Work into the damping of the buildings, and dashpots beside storeys (``System.damping``)."""
+    """Work into the damping of the buildings, and dashpots beside storeys (``System.damping``);
+    where supports move apart, less what these put into it."""
 
     @property
     def relative_residual(self) -> Any:

@@ -182,7 +182,10 @@ class TravellingDraw(Composed, GroundDraw):
     distances: tuple[Any, ...]
 
     def __post_init__(self) -> None:
-        known = 1.0 if isinstance(self.velocity, Distribution) else self.velocity
+        known = self.velocity
+        if isinstance(known, Distribution):
+            require_inside("velocity", known, SMALLEST, math.inf)
+            known = 1.0
         travelling(lambda t: 0.0 * t, known, self.distances)  # which checks them
 
     @property

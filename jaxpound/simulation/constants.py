@@ -174,9 +174,14 @@ class StepConstants(NamedTuple):
         return tuple(moved)
 
     @property
-    def with_ground(self) -> tuple[Any, ...]:
-        """By mass the share of the ground's motion that it has where its joints do not move."""
-        return self.follow(self.influence, [0.0] * len(self.joints))
+    def with_ground(self) -> list[tuple[Any, ...]]:
+        """By mass the share of the ground's motion that it has where its joints do not move.
+
+        Behind it those of the motions of supports, from the last to support 1.
+        """
+        n, n_all = len(self.masses), len(self.influence)
+        units = [[float(k == i) for k in range(n_all)] for i in range(n, n_all)]
+        return [self.follow(y, [0.0] * len(self.joints)) for y in (self.influence, *units)]
 
     @property
     def groups(self) -> list[Group]:

@@ -40,7 +40,7 @@ def test_the_example_of_a_record_is_a_motion_of_the_library_s_noise(tmp_path, ca
 
 
 TABLES = {
-    "simulate": "gap building_1 building_2 damper contact run ground output",
+    "simulate": "gap building_1 building_2 damper contact run ground wave output",
     "montecarlo": "earthquakes study run",
     "design": "objective search",
     "ida": "suite target ida",

@@ -181,7 +181,7 @@ building = 2 ; floor = 1 ; next_floor = 1 ; next_building = 'ground' ; gap = 0
 building = 2 ; floors = 'common' ; next_building = 3 ; gap = 0
     => must not have next_building here; give floors (building), or building, floor
 building = 2 ; floor = 1 ; next_building = 'grund' ; gap = 0
-    => next_building = "grund" must be the number of a building, or "ground"
+    => next_building = "grund" must be the number of a building, "ground", or a support
 building = 2 ; floor = 1 ; gap = -0.1 => gap = -0.1 m must be between 0 and 10 m (
 building = 2 ; floor = 1 ; friction_force = -1
     => friction_force = -1 N must be between 0 and 1e+10 N (

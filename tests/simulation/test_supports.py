@@ -271,7 +271,7 @@ def isolated():
 
 
 test_wrong_supports_are_refused = refusals(
-    (isolated, r"links.0.next_building = GROUND must be support\(1\), which the bearings stand"),
+    (isolated, r"links.0.next_building = -1 must be support\(1\), on which bearings"),
     (jp.support, -1, "number = -1 must be a whole number from 0 on"),
     (jp.Rod, SPRING, 1.0, (FIRST, G), "must be two different masses"),
     (jp.simulate, deck(), (AT_0, AT_1, AT_2), GRID, "motions of 3 supports, must be of 2: struct"),

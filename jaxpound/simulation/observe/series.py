@@ -82,11 +82,12 @@ def response_of(
     scalars: Demand,
     stored: StoredSeries,
     ends: Sequence[Contact | None],
-    with_ground: Sequence[Any],
+    with_ground: Sequence[Sequence[Any]],
 ) -> Response:
     """The response from the stored series; ``ends`` are the links' contacts at the end.
 
-    ``with_ground`` is by mass the share of the ground's motion that it has beside its joints'.
+    ``with_ground`` are shares of the ground's motion, and of those of supports, that masses have
+    beside their joints'.
     """
     rest, paths, n = 0 * stored.forces[0], link_ends(system.links), len(system.masses)
     # The scan does not store series that follow from others; those of an invalid run are NaN.
@@ -94,16 +95,19 @@ def response_of(
     motion = as_motion(ground).velocity_and_bulge(time, grid.dt)
     ground_velocity, bulge = (y.astype(rest.dtype) for y in motion)
     # A free mass's velocity is the mean of those half a step away. The ground's mean there exceeds
-    # the ground velocity now by the bulge, which is added; but not as the run starts.
-    bulge = bulge.at[0].set(0)
-    v = [v + share * bulge for v, share in zip(stored.v, with_ground, strict=True)]
+    # the ground velocity now by the bulge, which is added; but not as the run starts. What moves
+    # with a support has the bulge of its motion, too.
+    supports = [at_support(ground, k) for k in range(system.topology.n_supports, 0, -1)]
+    own = [as_motion(y).velocity_and_bulge(time, grid.dt)[1].astype(rest.dtype) for y in supports]
+    bulges = [y.at[0].set(0) for y in (bulge, *(-y for y in own))]
+    v = list(stored.v)
+    for shares, y in zip(with_ground, bulges, strict=True):
+        v = [of_mass + share * y for of_mass, share in zip(v, shares, strict=True)]
     acceleration = _acceleration(ground, time, rest)
-    supports = [SupportResponse(rest, rest, acceleration)]
-    for k in range(1, system.topology.n_supports + 1):  # which has a bulge of its own
-        own = as_motion(at_support(ground, k))
-        less = own.velocity_and_bulge(time, grid.dt)[1].astype(rest.dtype).at[0].set(0)
-        moved = stored.x[-k], v[-k] - less, _acceleration(own, time, rest)
-        supports.append(SupportResponse(*moved))
+    series = [SupportResponse(rest, rest, acceleration)]
+    for k, motion_there in enumerate(reversed(supports), 1):
+        moved = stored.x[-k], v[-k], _acceleration(motion_there, time, rest)
+        series.append(SupportResponse(*moved))
     damping, loads = (y or (None,) * n for y in (stored.damping, stored.loads))
     numbers = zip(
         stored.x[:n], v[:n], system.masses, system.influences, damping, loads, strict=True
@@ -127,7 +131,7 @@ def response_of(
             )
             for k, link in enumerate(system.links)
         ),
-        supports=tuple(supports) if len(supports) > 1 else (),
+        supports=tuple(series) if supports else (),
         demand=scalars,
         method=f"{scheme.friction}, order {scheme.order}, {scheme.history}"
         + scheme.extrapolated * ", extrapolated",
