@@ -41,6 +41,18 @@ def test_sums_scalings_and_sequences_are_those_of_each_support():
     refused("in each part, not 2 and 3", n_supports, jp.ground.Sum((WAVE, (hum, hum))))
 
 
+def test_delays_are_kept_in_other_units_and_by_other_samples():
+    ground = WAVE.dimensionless(2.0)
+    np.testing.assert_allclose(
+        ground.grounds[1].acceleration(2 * TIMES), WAVE.grounds[1].acceleration(TIMES), atol=1e-12
+    )
+    halved = WAVE.grounds[1].scaled_to_pga(0.15)
+    np.testing.assert_allclose(
+        halved.acceleration(TIMES), WAVE.grounds[1].acceleration(TIMES) / 2, atol=1e-12
+    )
+    refused(r"grounds\[0\] = .* must be of one support", jp.ground.SupportMotions, (WAVE, WAVE))
+
+
 @pytest.mark.parametrize("gravity", [None, 9.81])
 def test_a_run_takes_each_motion_in_its_units(gravity):
     record = RECORD if gravity else RECORD.dimensionless(1.0)

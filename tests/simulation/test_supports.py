@@ -7,7 +7,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxpound as jp
+from jaxpound.model import parameters
+from jaxpound.model.places import rod_places
+from jaxpound.model.topology import soil_spring
 from jaxpound.plots.contact_paths import followed_contacts
+from jaxpound.reliability.instants import series_of
 from tests.refusals import refusals
 from tests.simulation.pairs import SHAKING
 from tests.simulation.test_weights import GRID as COARSE
@@ -207,6 +211,36 @@ def test_buildings_stand_on_supports_in_si_and_results_name_them():
     assert "2–support 3, floor 1" in str(response)
 
 
+def test_a_deck_that_sticks_to_a_support_moves_as_it_does():
+    stuck = jp.System((2.0,), (jp.Rod(SPRING, 8.0, (0, G)),), [jp.Link((0, FIRST), 1e3)])
+    response = jp.simulate(stuck, (AT_0, AT_1), GRID)
+    deck, support = response.masses[0], response.supports[1]
+    np.testing.assert_allclose(deck.x, support.displacement, atol=1e-12)
+    np.testing.assert_allclose(deck.v, support.velocity, atol=1e-12)
+    assert float(response.energy.relative_residual) < 2e-3
+
+
+def test_drifts_of_rare_events_are_relative_to_the_support():
+    rows = series_of(two_decks("kelvin", True, FIRST), "peak_drift_2", pounding=False)
+    np.testing.assert_array_equal(rows[0].row, [0, 1, -1, 0, 0, 0, 0])
+
+
+def test_a_ring_may_have_numbers_that_are_traced():
+    ring = two_decks("kelvin", False, FIRST)
+    changed = jax.eval_shape(lambda gap: parameters.put(ring, {"links.0.gap": gap}), 0.05)
+    assert changed.topology == ring.topology
+
+
+def test_soil_lies_on_the_support_of_its_building():
+    frame = jp.ShearBuilding.from_period(2, 250e3, 0.5, 0.05)
+    soil = jp.on_soil(frame, jp.Soil(150.0, 1800.0, 0.4), radius=6.0, footing_mass=250e3)
+    topology = jp.Buildings((frame, soil), supports=(0, 1)).system().topology
+    footing, rotation = topology.n_masses - 2, topology.n_masses - 1
+    springs = [soil_spring(topology, mass) for mass in (footing, rotation)]
+    assert [topology.rods[k] for k in springs] == [(footing, FIRST), (rotation, G)]
+    assert rod_places(topology)[springs[0]].startswith("sway of building 2")
+
+
 LINEAR = jp.ZenerRod(1.0, 0.03, 0.12)
 MOVED = 1.7  # share of the ground's motion that support 1 moves the other way, relative to it
 CONTACT = {"kelvin": jp.KelvinVoigt(150.0, 0.6), "newton": jp.Newton(0.6)}
@@ -270,7 +304,13 @@ def isolated():
     return jp.Buildings((base,), links, supports=(1,))
 
 
+def unnamed():
+    rods = [jp.Rod(SPRING, 1.0, (0, G))]
+    return jp.System((1.0,), rods, damping=[jp.Rod(jp.Dashpot(0.3), ends=(0, FIRST))])
+
+
 test_wrong_supports_are_refused = refusals(
+    (unnamed, r"damping.0.ends = \(0, -2\) must lead to a support that a rod or a link leads to"),
     (isolated, r"links.0.next_building = -1 must be support\(1\), on which bearings"),
     (jp.support, -1, "number = -1 must be a whole number from 0 on"),
     (jp.Rod, SPRING, 1.0, (FIRST, G), "must be two different masses"),
