@@ -15,10 +15,19 @@ from jax.extend.core import Literal
 from jaxpound._checks import count, instance, require_memory
 from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import Ground, GroundLike, records_in, require_ground
+from jaxpound.ground.motion import (
+    Ground,
+    GroundLike,
+    Sum,
+    SupportMotions,
+    as_motion,
+    records_in,
+    require_ground,
+)
 from jaxpound.ground.plausibility import first_of
 from jaxpound.ground.record import Record, derived
 from jaxpound.ground.run_input import all_in_g, all_sampled
+from jaxpound.ground.supports import at_support, n_supports
 from jaxpound.ground.wavelets import Ricker
 from jaxpound.model.parameters import get, paths
 from jaxpound.scenarios.sampling import as_key, key_numbers, points, require_sampling
@@ -72,7 +81,8 @@ class Ensemble:
         waves = [ground for ground in motions if isinstance(ground, Ricker)]
         records = [ground for ground in motions if isinstance(ground, Record)]
         if len(waves) + len(records) < len(motions):
-            return Ensemble(_stacked([all_sampled(ground, grid) for ground in motions]), {}, unit)
+            each = [_sampled(ground, grid, unit) for ground in motions]
+            return Ensemble(_stacked(each), {}, unit)
         if not (waves and records):
             return Ensemble(_stacked(_as_long(motions)), {}, unit)
         # Wavelets get a record of zeros, and records a wavelet of zero amplitude.
@@ -153,6 +163,20 @@ class Ensemble:
     def __repr__(self) -> str:
         uncertain = f", with uncertain {', '.join(self.uncertain)}" if self.uncertain else ""
         return f"Ensemble({len(self):,} earthquakes{uncertain})"
+
+
+def _sampled(ground: GroundLike, grid: TimeGrid, unit: str | None) -> Any:
+    """A ground motion at the instants of a grid; beside records what is in g is apart from them."""
+    if unit is None:
+        return all_sampled(ground, grid)
+    # Motions in m/s² under a gravity of 0 and of 1 are those without records, and with these in g.
+    without, both = (all_sampled(as_motion(ground).in_si(g), grid) for g in (0.0, 1.0))
+    pairs: list[Any] = []
+    for k in range(max(n_supports(both), 1)):
+        rest, whole = at_support(without, k), at_support(both, k)
+        in_g = dataclasses.replace(whole, samples=whole.samples - rest.samples, time_unit=unit)
+        pairs.append(Sum((in_g, rest)))
+    return SupportMotions(tuple(pairs)) if len(pairs) > 1 else pairs[0]
 
 
 def _stacked(grounds: Sequence[Any]) -> Any:

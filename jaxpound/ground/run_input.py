@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxpound._errors import InvalidInput
-from jaxpound._fields import parameter, pytree_dataclass
+from jaxpound._fields import parameter, pytree_dataclass, static
 from jaxpound.grid import TimeGrid
 from jaxpound.ground import motion
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, Ground, GroundLike, GroundMotion
@@ -23,6 +23,7 @@ class Sampled(GroundMotion):
 
     samples: Any = parameter(r"u''", "acceleration", "ground acceleration")
     dt: Any
+    time_unit: str | None = static(default=None)
 
     def acceleration(self, t: ArrayLike) -> jax.Array:
         """u''(t) at an instant of the grid, of the shape of ``t``."""

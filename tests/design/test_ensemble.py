@@ -9,6 +9,7 @@ import pytest
 
 import jaxpound as jp
 from jaxpound import Ensemble, Ricker
+from jaxpound.ground.supports import at_support
 from tests.refusals import refusals
 from tests.study.test_run import RANDOM, study
 
@@ -37,6 +38,20 @@ def test_given_earthquakes_are_what_they_were(grounds):
     np.testing.assert_allclose(accelerations(ensemble), expected, atol=1e-12)
     assert len(ensemble) == len(grounds)
     assert ensemble.fresh(3) is None
+
+
+def test_records_among_others_keep_their_unit_in_si():
+    """Also at each support: what is in g is not taken for m/s²."""
+    record = jp.Record(np.sin(2 * np.pi * T), 0.05)
+    grounds = record + np.cos, jp.ground.Scaled(WAVES[0], 1.0)
+    for ground, member in zip(grounds, Ensemble.of(grounds, GRID), strict=True):
+        shaking = [x.in_si(9.81).acceleration(T) for x in (ground, member)]
+        np.testing.assert_allclose(*shaking, atol=1e-9)
+    wave = jp.travelling(record, 10.0, (0.0, 5.0))
+    (member,) = Ensemble.of([wave], GRID)
+    for k in (0, 1):
+        shaking = [at_support(x.in_si(9.81), k).acceleration(T) for x in (wave, member)]
+        np.testing.assert_allclose(*shaking, atol=1e-9)
 
 
 def test_given_earthquakes_of_all_kinds_add_up_and_join_those_that_are_drawn():
