@@ -85,7 +85,8 @@ def through_soil(
     """The link through the soil between the footings of neighbours: a spring and a dashpot.
 
     It has a share of the sway of the footings, of their geometric mean if these differ: 5 to 25 %
-    at clear distances below the width of a footing.
+    at clear distances below the width of a footing. Spring and dashpot are numbers of the link,
+    computed here: they do not follow a soil that is changed later, or is random in a study.
 
     Raises ``ValueError`` if a building is not on soil or the share is not from 0 to 0.5.
 
