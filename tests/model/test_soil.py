@@ -266,6 +266,19 @@ def test_tuned_masses_stand_on_soil_in_either_order():
     assert jp.on_soil(jp.Buildings((frame,)), soil, radius=6, footing_mass=2e5).buildings[0].footing
 
 
+def test_a_tuned_mass_moves_the_number_of_the_footing():
+    """A link made for the building without it would join the tuned masses."""
+    building = on_disk(frame=_frame(2))
+    tuned, soil = jp.tuned_mass_damper(building, 0.05), through_soil(building, building, 0.1)
+    says = "tuned mass to that, or the footing, of a neighbour; the footing of building 1 is floor"
+    with pytest.raises(jp.InvalidInput, match=f"{says} 3; .* building 2 is floor 3"):
+        jp.Buildings((tuned, tuned), soil)
+    with pytest.raises(jp.InvalidInput, match=f"{says} 3; .* building 2 is floor 2"):
+        jp.Buildings((tuned, building), soil)
+    (link,) = jp.Buildings((tuned, building), through_soil(tuned, building, 0.1)).links
+    assert str(link) == "1–2, floors 4–3"
+
+
 def test_bearings_stand_on_the_footing():
     """Their friction and the wall are between base and footing."""
     bearing, wall = jp.FrictionPendulum(2.0, 0.06), jp.MoatWall(0.2)
