@@ -61,6 +61,37 @@ def test_the_first_mode_on_a_footing_is_the_published_one():
     assert re.search(r"ratio of periods 1\.0361, .* 0\.0038", str(effect))
 
 
+def test_what_radiation_adds_to_a_fractional_rod_leaves_out_its_own():
+    """Its share is that of the rod in series with the springs of the soil, m s² + K*(s) = 0."""
+    frame = jp.ShearBuilding.from_period(1, MASS, 0.4, 0.05, height=HEIGHT)
+    building = on_disk(mass=MASS / 1000, frame=frame)
+    effect, footing, (storey,) = building.soil_effect(), building.footing, frame.storeys
+    law = storey.material(1.0)
+    soil = 1 / footing.sway_stiffness + HEIGHT**2 / footing.rocking_stiffness
+    s = 2j * np.pi / effect.period
+    for _ in range(50):
+        power = s**law.order
+        modulus = storey.stiffness * (1 + law.tau_x * power) / (1 + law.tau_f * power)
+        s = 1j * np.sqrt(1 / (1 / modulus + soil) / MASS)
+    own = -s.real / abs(s)
+    assert effect.own_damping_ratio == pytest.approx(own, rel=1e-3)
+    assert effect.added_damping == pytest.approx(effect.damping_ratio - own, abs=2e-5)
+    cube = effect.fixed_damping_ratio / effect.period_ratio**3
+    assert own - cube > 1e-3  # which is of viscous storeys
+
+
+def test_overdamped_modes_are_no_first_mode():
+    """A light building on a wide footing of soft soil: sway and rocking creep."""
+    frame, soil = jp.ShearBuilding.from_period(1, 6e5, 0.15, 0.05, None), jp.Soil(80, 1800, 0.4)
+    building = jp.on_soil(frame, soil, radius=12, footing_mass=800e3)
+    modes, effect = building.modes(), building.soil_effect()
+    assert modes.overdamped.tolist() == [True, False, True]
+    assert (effect.period, effect.damping_ratio) == (modes.periods[1], modes.damping_ratios[1])
+    creeps = jp.ShearBuilding.of_storeys([MASS], 1e8, dashpots=5e7)
+    with pytest.raises(jp.InvalidInput, match="building must vibrate: all its modes are overdamp"):
+        on_disk(frame=creeps).soil_effect()
+
+
 _NUMBERS = ("stiffness", "damping")
 
 
