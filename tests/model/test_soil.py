@@ -321,6 +321,14 @@ def test_bearings_stand_on_the_footing():
     assert yields.with_p_delta().footing is yields.footing is not None
 
 
+def test_a_block_rocks_by_its_height():
+    """Of several buildings only blocks take it."""
+    block, disk = FRAME.storeys[0], {"radius": RADIUS, "footing_mass": 2e5}
+    on_soil = jp.on_soil(jp.Buildings((block, FRAME)), clay(), **disk, height=HEIGHT)
+    assert [x.heights for x in on_soil.buildings] == [(HEIGHT,), (HEIGHT,)]
+    assert on_soil.modes(0).periods[0] == pytest.approx(PERIOD, abs=1e-5)
+
+
 test_wrong_numbers_are_refused = refusals(
     (lambda: jp.Soil(1.5, 1800, 0.3), r"Soil: shear_wave_velocity = 1\.5 must be between 20"),
     (lambda: jp.Soil(150, 1.8, 0.3), r"Soil: density = 1\.8 must"),
@@ -338,6 +346,15 @@ test_wrong_numbers_are_refused = refusals(
     (
         lambda: jp.on_soil(FRAME, clay(), radius=6, embedment=1, footing_mass=1e5),
         r"on_soil: embedment = 1 must be left out",
+    ),
+    (lambda: on_disk(frame=FRAME.storeys[0]), r"on_soil: height = None must be stated, in m"),
+    (
+        lambda: jp.on_soil(FRAME.storeys[0], clay(), radius=6, footing_mass=1e5, height=-1),
+        r"on_soil: height = -1 must be",
+    ),
+    (
+        lambda: jp.on_soil(FRAME, clay(), radius=6, footing_mass=1e5, height=3),
+        r"on_soil: height = 3 must be left out: a ShearBuilding has heights",
     ),
     (lambda: on_disk(frame=on_disk()), r"on_soil: building must not be on soil"),
     (lambda: FRAME.soil_effect(), r"footing = None must be stated"),
