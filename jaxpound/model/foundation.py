@@ -29,6 +29,7 @@ def on_soil(
     width: Any = None,
     embedment: Any = None,
     footing_inertia: Any = None,
+    height: Any = None,
 ) -> Any:
     """A building on a rigid footing that sways and rocks on soil, with radiation of waves.
 
@@ -37,8 +38,8 @@ def on_soil(
     ``GROUND``, is the footing, and what acts within the building acts on motions relative to the
     rigid one of the footing. Bearings and tuned inerters are put in place before.
 
-    Raises ``ValueError`` if the building is on soil already, the mass of the footing is below 1e-4
-    times that of the building, or a value breaks its rule.
+    Raises ``ValueError`` if the building is on soil already, a ``Building`` has no ``height``, the
+    mass of the footing is below 1e-4 times that of the building, or a value breaks its rule.
 
     Parameters
     ----------
@@ -55,6 +56,9 @@ def on_soil(
         In its place, of a rectangle, as in ``Footing``.
     footing_inertia
         > 0, of the footing alone about its axis, kg m²; by default that of a thin plate.
+    height
+        Of the mass of a ``Building`` above its footing > 0, m, by which it rocks; None for a
+        ``ShearBuilding``, which has heights.
 
     Examples
     --------
@@ -67,10 +71,13 @@ def on_soil(
     shape = {"radius": radius, "length": length, "width": width, "embedment": embedment}
     if isinstance(several := getattr(building, "buildings", None), tuple):
         numbers: Any = {"footing_mass": footing_mass, "footing_inertia": footing_inertia}
-        placed = tuple(on_soil(x, soil, **numbers, **shape) for x in several)
+        blocks = [isinstance(x, Building) for x in several]
+        heights = [height if is_block or not any(blocks) else None for is_block in blocks]
+        pairs = zip(several, heights, strict=True)
+        placed = tuple(on_soil(x, soil, **numbers, **shape, height=h) for x, h in pairs)
         return dataclasses.replace(building, buildings=placed)
     instance("building", building, ShearBuilding, Building)
-    frame = building if isinstance(building, ShearBuilding) else ShearBuilding((building,))
+    frame = _with_height(building, height)
     if frame.footing is not None:
         raise InvalidInput("building", "", "must not be on soil already")
     names = {"mass": "footing_mass", "inertia": "footing_inertia", "footing.mass": "footing_mass"}
@@ -79,13 +86,28 @@ def on_soil(
         return dataclasses.replace(frame, footing=footing)
 
 
+def _with_height(building: Building | ShearBuilding, height: Any) -> ShearBuilding:
+    """A building with the heights by which it rocks."""
+    if isinstance(building, ShearBuilding):
+        if height is not None:
+            rule = "must be left out: a ShearBuilding has heights of its own"
+            raise InvalidInput("height", str(height), rule)
+        return building
+    if height is None:
+        rule = "must be stated, in m: a Building, which has none, rocks by its square"
+        raise InvalidInput("height", "None", rule)
+    with renamed(names={"heights.0": "height"}):
+        return ShearBuilding((building,), heights=height)
+
+
 def through_soil(
     left: ShearBuilding, right: ShearBuilding, share: Any, *, building: int = 0
 ) -> tuple[FloorLink, ...]:
     """The link through the soil between the footings of neighbours: a spring and a dashpot.
 
     It has a share of the sway of the footings, of their geometric mean if these differ: 5 to 25 %
-    at clear distances below the width of a footing.
+    at clear distances below the width of a footing. Spring and dashpot are numbers of the link,
+    computed here: they do not follow a soil that is changed later, or is random in a study.
 
     Raises ``ValueError`` if a building is not on soil or the share is not from 0 to 0.5.
 

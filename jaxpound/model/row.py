@@ -596,7 +596,11 @@ def at_elevations(link: FloorLink, buildings: Sequence[Any], name: str) -> Floor
 def require_heights(
     buildings: Sequence[Any], links: Sequence[FloorLink], labels: LinkLabels
 ) -> None:
-    """An ``InvalidInput`` for a link without ``next_floor`` between floors of different heights."""
+    """An ``InvalidInput`` for a link without ``next_floor`` between floors of different heights.
+
+    Also for one between a tuned mass and that, or the footing, of a neighbour.
+    """
+    _require_no_tuned_pair(buildings, links, labels)
     for k, link in enumerate(links):
         at_any_height = link.next_floor is not None or link.column is not None
         if at_any_height or link.other_building <= GROUND or link.other_building == link.building:
@@ -609,3 +613,26 @@ def require_heights(
             low, high = (np.append(np.cumsum(x.heights), 0.0)[floor] for x, floor in ends)
             rule = "must be at one height; next_floor says which floor is meant where none is"
             raise labels.invalid(k, f"{link}, at {low:g} m and {high:g} m,", "", rule)
+
+
+def _require_no_tuned_pair(
+    buildings: Sequence[Any], links: Sequence[FloorLink], labels: LinkLabels
+) -> None:
+    """An ``InvalidInput`` for a link of a tuned mass to that, or the footing, of a neighbour."""
+    for k, link in enumerate(links):
+        if link.other_building <= GROUND or link.other_building == link.building:
+            continue
+        ends = (link.building, link.floor), (link.other_building, link.other_floor)
+        counts = [len(storeys_of(buildings[b])) for b, _ in ends]
+        roofs = [
+            n - getattr(buildings[b], "n_tuned", 0) for (b, _), n in zip(ends, counts, strict=True)
+        ]
+        above = all(floor >= roof for (_, floor), roof in zip(ends, roofs, strict=True))
+        if above and [floor for _, floor in ends] != counts:
+            footings = [
+                f"; the footing of building {b + 1} is floor {n + labels.first}"
+                for (b, _), n in zip(ends, counts, strict=True)
+                if getattr(buildings[b], "footing", None) is not None
+            ]
+            rule = "must not join a tuned mass to that, or the footing, of a neighbour"
+            raise labels.invalid(k, f"{link},", "", rule + "".join(footings))

@@ -393,7 +393,8 @@ class ShearBuilding:
     def soil_effect(self) -> SoilEffect:
         """The first mode on soil beside that on rigid ground; prints as a table.
 
-        Raises ``ValueError`` if the building is not on soil, traced or a batch.
+        Overdamped modes, as those of light footings on soft soil are, do not count. Raises
+        ``ValueError`` if the building is not on soil, traced, a batch, or no mode vibrates.
 
         Examples
         --------
@@ -408,8 +409,13 @@ class ShearBuilding:
         """
         if self.footing is None:
             raise InvalidInput("footing", "None", "must be stated: on_soil(building, soil, …)")
-        both = dataclasses.replace(self, footing=None).modes(), self.modes()
-        return SoilEffect(*(float(x[0]) for m in both for x in (m.periods, m.damping_ratios)))
+        on_soil = in_units(self, 1.0, 1.0, 1.0)
+        without = dataclasses.replace(on_soil, damping=on_soil.damping[:-2])  # sway and rocking
+        fixed = dataclasses.replace(self, footing=None).modes()
+        (fixed_period, fixed_ratio), (period, ratio), (_, own) = (
+            _first_that_vibrates(x) for x in (fixed, modes(on_soil), modes(without))
+        )
+        return SoilEffect(fixed_period, fixed_ratio, period, ratio, own)
 
 
 def in_units(
@@ -445,6 +451,14 @@ def storeys_of(building: Building | ShearBuilding) -> tuple[Building, ...]:
 def n_ends(building: Building | ShearBuilding) -> int:
     """Number of masses of a building that links may join: floors, tuned masses and a footing."""
     return len(storeys_of(building)) + (getattr(building, "footing", None) is not None)
+
+
+def _first_that_vibrates(modes: Modes) -> tuple[float, float]:
+    """Period and damping ratio of the first mode that is not overdamped."""
+    if modes.overdamped.all():
+        raise InvalidInput("building", "", "must vibrate: all its modes are overdamped")
+    first = int(modes.overdamped.argmin())
+    return float(modes.periods[first]), float(modes.damping_ratios[first])
 
 
 def _dashpots(building: Building | ShearBuilding) -> list[tuple[Ends, Any]]:

@@ -209,6 +209,8 @@ class SoilEffect(Shown):
     """Natural period on soil, s."""
     damping_ratio: float
     """Damping ratio on soil."""
+    own_damping_ratio: float
+    """Damping ratio on soil without the soil's dashpots: what is left of the building's own."""
 
     @property
     def period_ratio(self) -> float:
@@ -219,10 +221,10 @@ class SoilEffect(Shown):
     def added_damping(self) -> float:
         """What radiation of waves adds to the damping ratio that is left of the building's own.
 
-        On rigid ground a viscous oscillator has the cube of the ratio of periods times as much
-        (Veletsos and Nair 1975; NIST GCR 12-917-21, equation 2-6).
+        Of a viscous oscillator on a light footing, that on rigid ground is left over the cube of
+        the ratio of periods (Veletsos and Nair 1975; NIST GCR 12-917-21, equation 2-6).
         """
-        return self.damping_ratio - self.fixed_damping_ratio / self.period_ratio**3
+        return self.damping_ratio - self.own_damping_ratio
 
     def _tables(self) -> list[TextTable]:
         rows = [

@@ -61,6 +61,37 @@ def test_the_first_mode_on_a_footing_is_the_published_one():
     assert re.search(r"ratio of periods 1\.0361, .* 0\.0038", str(effect))
 
 
+def test_what_radiation_adds_to_a_fractional_rod_leaves_out_its_own():
+    """Its share is that of the rod in series with the springs of the soil, m s² + K*(s) = 0."""
+    frame = jp.ShearBuilding.from_period(1, MASS, 0.4, 0.05, height=HEIGHT)
+    building = on_disk(mass=MASS / 1000, frame=frame)
+    effect, footing, (storey,) = building.soil_effect(), building.footing, frame.storeys
+    law = storey.material(1.0)
+    soil = 1 / footing.sway_stiffness + HEIGHT**2 / footing.rocking_stiffness
+    s = 2j * np.pi / effect.period
+    for _ in range(50):
+        power = s**law.order
+        modulus = storey.stiffness * (1 + law.tau_x * power) / (1 + law.tau_f * power)
+        s = 1j * np.sqrt(1 / (1 / modulus + soil) / MASS)
+    own = -s.real / abs(s)
+    assert effect.own_damping_ratio == pytest.approx(own, rel=1e-3)
+    assert effect.added_damping == pytest.approx(effect.damping_ratio - own, abs=2e-5)
+    cube = effect.fixed_damping_ratio / effect.period_ratio**3
+    assert own - cube > 1e-3  # which is of viscous storeys
+
+
+def test_overdamped_modes_are_no_first_mode():
+    """A light building on a wide footing of soft soil: sway and rocking creep."""
+    frame, soil = jp.ShearBuilding.from_period(1, 6e5, 0.15, 0.05, None), jp.Soil(80, 1800, 0.4)
+    building = jp.on_soil(frame, soil, radius=12, footing_mass=800e3)
+    modes, effect = building.modes(), building.soil_effect()
+    assert modes.overdamped.tolist() == [True, False, True]
+    assert (effect.period, effect.damping_ratio) == (modes.periods[1], modes.damping_ratios[1])
+    creeps = jp.ShearBuilding.of_storeys([MASS], 1e8, dashpots=5e7)
+    with pytest.raises(jp.InvalidInput, match="building must vibrate: all its modes are overdamp"):
+        on_disk(frame=creeps).soil_effect()
+
+
 _NUMBERS = ("stiffness", "damping")
 
 
@@ -266,6 +297,19 @@ def test_tuned_masses_stand_on_soil_in_either_order():
     assert jp.on_soil(jp.Buildings((frame,)), soil, radius=6, footing_mass=2e5).buildings[0].footing
 
 
+def test_a_tuned_mass_moves_the_number_of_the_footing():
+    """A link made for the building without it would join the tuned masses."""
+    building = on_disk(frame=_frame(2))
+    tuned, soil = jp.tuned_mass_damper(building, 0.05), through_soil(building, building, 0.1)
+    says = "tuned mass to that, or the footing, of a neighbour; the footing of building 1 is floor"
+    with pytest.raises(jp.InvalidInput, match=f"{says} 3; .* building 2 is floor 3"):
+        jp.Buildings((tuned, tuned), soil)
+    with pytest.raises(jp.InvalidInput, match=f"{says} 3; .* building 2 is floor 2"):
+        jp.Buildings((tuned, building), soil)
+    (link,) = jp.Buildings((tuned, building), through_soil(tuned, building, 0.1)).links
+    assert str(link) == "1–2, floors 4–3"
+
+
 def test_bearings_stand_on_the_footing():
     """Their friction and the wall are between base and footing."""
     bearing, wall = jp.FrictionPendulum(2.0, 0.06), jp.MoatWall(0.2)
@@ -275,6 +319,14 @@ def test_bearings_stand_on_the_footing():
     assert weighted(system.rods[0]) == weighted(system.links[0])
     yields = on_disk(frame=_frame(2)).yielding(base_shear_coefficient=0.2, hardening=0.1)
     assert yields.with_p_delta().footing is yields.footing is not None
+
+
+def test_a_block_rocks_by_its_height():
+    """Of several buildings only blocks take it."""
+    block, disk = FRAME.storeys[0], {"radius": RADIUS, "footing_mass": 2e5}
+    on_soil = jp.on_soil(jp.Buildings((block, FRAME)), clay(), **disk, height=HEIGHT)
+    assert [x.heights for x in on_soil.buildings] == [(HEIGHT,), (HEIGHT,)]
+    assert on_soil.modes(0).periods[0] == pytest.approx(PERIOD, abs=1e-5)
 
 
 test_wrong_numbers_are_refused = refusals(
@@ -294,6 +346,15 @@ test_wrong_numbers_are_refused = refusals(
     (
         lambda: jp.on_soil(FRAME, clay(), radius=6, embedment=1, footing_mass=1e5),
         r"on_soil: embedment = 1 must be left out",
+    ),
+    (lambda: on_disk(frame=FRAME.storeys[0]), r"on_soil: height = None must be stated, in m"),
+    (
+        lambda: jp.on_soil(FRAME.storeys[0], clay(), radius=6, footing_mass=1e5, height=-1),
+        r"on_soil: height = -1 must be",
+    ),
+    (
+        lambda: jp.on_soil(FRAME, clay(), radius=6, footing_mass=1e5, height=3),
+        r"on_soil: height = 3 must be left out: a ShearBuilding has heights",
     ),
     (lambda: on_disk(frame=on_disk()), r"on_soil: building must not be on soil"),
     (lambda: FRAME.soil_effect(), r"footing = None must be stated"),

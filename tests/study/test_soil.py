@@ -13,9 +13,8 @@ VELOCITY = "buildings.0.footing.soil.shear_wave_velocity"
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    pair = jp.on_soil(
-        jp.Buildings(BLOCKS, (jp.FloorLink(0, 0, gap=0.05),)), SOIL, radius=5.0, footing_mass=2e5
-    )
+    blocks = jp.Buildings(BLOCKS, (jp.FloorLink(0, 0, gap=0.05),))
+    pair = jp.on_soil(blocks, SOIL, radius=5.0, footing_mass=2e5, height=3.0)
     structures = jp.UncertainStructures(pair, {VELOCITY: jp.LogNormal(150.0, 0.3)})
     scenarios = jp.Scenarios(structures, jp.Ricker(0.02, 0.5, 1.0))
     folder, grid = tmp_path_factory.mktemp("soil") / "study", jp.TimeGrid.until(3.0, 5e-3)
