@@ -206,15 +206,14 @@ def test_places_have_words():
     links = jp.FloorLink(0, 0, gap=0.05, contact=law), jp.FloorLink(0, 1, next_building=0)
     system = pair_of(0.1, links).system()
     topology = system.topology
-    assert mass_places(topology)[:4] == tuple(
-        f"{x} of building 1" for x in ("floor 1", "floor 2", "footing", "rotation")
+    assert mass_places(topology)[:3] == tuple(
+        f"{x} of building 1" for x in ("floor 1", "floor 2", "footing")
     )
-    assert mass_places(topology)[4:] == tuple(
-        f"{x} of building 2" for x in ("floor 1", "footing", "rotation")
-    )
+    assert mass_places(topology)[4:6] == tuple(f"{x} of building 2" for x in ("floor 1", "footing"))
+    assert mass_places(topology)[3::3] == tuple(f"rotation of building {b}, at 1 m" for b in (1, 2))
     assert rod_places(topology)[2:5] == (
         "sway of building 1",
-        "rocking of building 1",
+        "rocking of building 1, at 1 m",
         "storey 1 of building 2",
     )
     assert link_places(topology) == ("1–2, floor 1", "in 1, floors 1–2", "1–2, footing")
@@ -292,7 +291,8 @@ def test_tuned_masses_stand_on_soil_in_either_order():
     for building in (before, after):
         topology = in_units(building, 1.0, 1.0, 1.0).system().topology
         assert mass_places(topology)[2:] == tuple(
-            f"{x} of building 1" for x in ("tuned mass", "footing", "rotation")
+            f"{x} of building 1{y}"
+            for x, y in (("tuned mass", ""), ("footing", ""), ("rotation", ", at 1 m"))
         )
     assert jp.on_soil(jp.Buildings((frame,)), soil, radius=6, footing_mass=2e5).buildings[0].footing
 
