@@ -329,6 +329,16 @@ def test_a_block_rocks_by_its_height():
     assert on_soil.modes(0).periods[0] == pytest.approx(PERIOD, abs=1e-5)
 
 
+def test_plausible_footings_are_no_floors():
+    """Contact between them is not judged by a storey, nor masses in t by that of a footing."""
+    law = jp.KelvinVoigt(2e9, 0.65)
+    contacts = [jp.FloorLink(*ends, gap=0.05, contact=law) for ends in ((0, 0), (0, 2, 1))]
+    pair_of(links=contacts)  # warnings are errors
+    tonnes = jp.ShearBuilding.from_period(2, 300.0, 0.5, 0.05)
+    with pytest.warns(jp.PlausibilityWarning, match="the heaviest floor, of 300 kg, should be"):
+        jp.Buildings((jp.on_soil(tonnes, clay(), radius=RADIUS, footing_mass=2e5),))
+
+
 test_wrong_numbers_are_refused = refusals(
     (lambda: jp.Soil(1.5, 1800, 0.3), r"Soil: shear_wave_velocity = 1\.5 must be between 20"),
     (lambda: jp.Soil(150, 1.8, 0.3), r"Soil: density = 1\.8 must"),
