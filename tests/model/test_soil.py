@@ -321,6 +321,13 @@ def test_bearings_stand_on_the_footing():
     assert yields.with_p_delta().footing is yields.footing is not None
 
 
+def test_the_least_inertia_is_that_of_the_lightest_plate():
+    """So that the inertia by default is never refused."""
+    lightest, disk = MASS * 1e-4, {"radius": RADIUS, "footing_mass": 1e5}
+    plate = on_disk(mass=lightest * 1.001).footing.rotational_inertia
+    assert jp.on_soil(FRAME, clay(), **disk, footing_inertia=plate).footing.inertia == plate
+
+
 def test_a_block_rocks_by_its_height():
     """Of several buildings only blocks take it."""
     block, disk = FRAME.storeys[0], {"radius": RADIUS, "footing_mass": 2e5}
@@ -345,6 +352,10 @@ test_wrong_numbers_are_refused = refusals(
     (lambda: jp.Soil(150, 1800, 0.6), r"Soil: poisson_ratio = 0\.6 must be between 0 and 0\.5"),
     (lambda: on_disk(mass=0.0), r"on_soil: footing_mass = 0 must be .*infinitely fast"),
     (lambda: on_disk(mass=10.0), r"on_soil: footing_mass = 10 must be at least 0\.0001 times"),
+    (  # 1e-4 of 500 t on a radius of gyration of 3 m: 450 kg m²
+        lambda: jp.on_soil(FRAME, clay(), radius=6, footing_mass=1e5, footing_inertia=440),
+        r"on_soil: footing_inertia = 440 must be at least that of a thin plate of 0\.0001 times",
+    ),
     (
         lambda: jp.on_soil(FRAME, clay(), length=5, footing_mass=1e5),
         r"on_soil: width = None must be stated",
