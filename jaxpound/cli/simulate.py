@@ -272,10 +272,8 @@ def _of_soil(building: jp.ShearBuilding, footing: int, demand: jp.Demand) -> dic
 
 def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str, Any]:
     links, demand = layout.buildings.links, response.demand.links[k]
-    link, dampers = (
-        links[k],
-        [rod for x in links[: k + 1] if x.damper for rod in in_parallel(x.damper)],
-    )
+    link = links[k]
+    dampers = [rod for x in links[: k + 1] if x.damper for rod in in_parallel(x.damper)]
     last = len(response.masses) + len(dampers) - 1  # a dashpot is behind its spring
     damper = response.demand.rods[last] if link.damper else None
     ground = link.other_floor <= jp.GROUND

@@ -39,7 +39,8 @@ def on_soil(
     rigid one of the footing. Bearings and tuned inerters are put in place before.
 
     Raises ``ValueError`` if the building is on soil already, a ``Building`` has no ``height``, the
-    mass of the footing is below 1e-4 times that of the building, or a value breaks its rule.
+    mass of the footing is below 1e-4 times that of floors and tuned masses, its inertia is below
+    that of a thin plate of this mass, or a value breaks its rule.
 
     Parameters
     ----------
@@ -80,7 +81,8 @@ def on_soil(
     frame = _with_height(building, height)
     if frame.footing is not None:
         raise InvalidInput("building", "", "must not be on soil already")
-    names = {"mass": "footing_mass", "inertia": "footing_inertia", "footing.mass": "footing_mass"}
+    stated = {"mass": "footing_mass", "inertia": "footing_inertia"}
+    names = stated | {f"footing.{key}": name for key, name in stated.items()}
     with renamed(names=names):
         footing = Footing(soil, footing_mass, inertia=footing_inertia, **shape)
         return dataclasses.replace(frame, footing=footing)

@@ -23,13 +23,14 @@ building, which count from 1."""
 
 _NO_FLOORS = {TUNED: "tuned mass", FOOTING: "footing", ROTATION: "rotation"}
 _ON_SOIL = {FOOTING: "sway", ROTATION: "rocking"}  # their rods
+_LEVER = {ROTATION: ", at 1 m"}  # a rotation is the displacement of a lever of this length
 
 
 def mass_places(topology: Topology) -> tuple[str, ...]:
     """``floor 2 of building 1``; of buildings of one storey ``building 1``, else ``mass 1``.
 
     A tuned mass and its rod are ``tuned mass of building 1``; on soil there are ``footing of
-    building 1`` and ``rotation of building 1``.
+    building 1`` and ``rotation of building 1, at 1 m``.
     """
     home, n = homes(topology), topology.n_masses
     return tuple(_part("floor", home, home[i]) if home else f"mass {i + 1}" for i in range(n))
@@ -39,7 +40,7 @@ def rod_places(topology: Topology) -> tuple[str, ...]:
     """``storey 2 of building 1``; of buildings of one storey ``building 1``, else ``rod 1``.
 
     A rod beside the storeys, such as a damper, is ``rod 1–2, floor 2`` after its ends; the springs
-    of the soil are ``sway of building 1`` and ``rocking of building 1``.
+    of the soil are ``sway of building 1`` and ``rocking of building 1, at 1 m``.
     """
     storeys, home, places = homes(topology, of_rods=True), homes(topology), list[str]()
     for rod, ends in enumerate(topology.rods):
@@ -58,7 +59,7 @@ def _part(part: str, home: Mapping[int, Ends], place: Ends) -> str:
     building, floor = place
     if floor in _NO_FLOORS:
         words = _ON_SOIL.get(floor) if part == "storey" else None
-        return f"{words or _NO_FLOORS[floor]} of building {building}"
+        return f"{words or _NO_FLOORS[floor]} of building {building}{_LEVER.get(floor, '')}"
     has_floors = any(floor > 1 for _, floor in home.values())
     return f"{part} {floor} of building {building}" if has_floors else f"building {building}"
 

@@ -77,9 +77,15 @@ def doubts(buildings: Buildings) -> list[str]:
     if (floors := _Floors.of(buildings, system)) is None:
         return []
     links = [*zip(link_places(system.topology), system.links, strict=True)]
+    soil = on_soil(system.topology)  # no storey of its own says how footings move
+    between_floors = [x for x in links if not soil & {*_two_masses(x[1].ends)}]
     slips, contacts, widths = (
-        [finding_in(f"link {place}", link, floors) for place, link in links]
-        for finding_in in (_slip, _touching, _width)
+        [finding_in(f"link {place}", link, floors) for place, link in judged]
+        for finding_in, judged in (
+            (_slip, links),
+            (_touching, between_floors),
+            (_width, between_floors),
+        )
     )
     findings = [
         *floors.doubts(),
@@ -179,7 +185,7 @@ class _Floors(NamedTuple):
                     f"{USUAL_PERIOD.rule}: is it a period in s, mass in kg and stiffness in N/m?"
                 )
                 break
-        if self.inertance > (most := MOST_INERTANCE * self.masses.sum()):
+        if self.inertance > (most := MOST_INERTANCE * masses.sum()):
             yield (
                 f"inertance = {self.inertance:.4g} kg should be at most {most:.4g} kg, "
                 f"{MOST_INERTANCE:g} times the mass of all floors: is it in kg?"
@@ -187,7 +193,7 @@ class _Floors(NamedTuple):
 
     def size(self) -> list[str]:
         """A finding in the heaviest floor."""
-        heaviest, rules = self.masses.max(), list[str]()
+        heaviest, rules = np.delete(self.masses, self.others).max(), list[str]()
         if heaviest < LEAST_MASS and max(self.first_periods) > MODEL_PERIOD:
             rules = [f"{heaviest:.4g} kg, should be at least {LEAST_MASS:g}"]
         for x in (self.masses[floors] for floors in self.buildings):

@@ -74,7 +74,6 @@ class FloorLink:
     next_building
         The building at the other end: by default the next one to the right; ``building`` itself
         for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground,
-        for a brace, which slips by the drift of its storeys; ``GROUND`` for a damper to the ground,
         on soil to the footing, or ``jp.support(k)`` for one to a support that moves apart, such as
         an abutment.
     side

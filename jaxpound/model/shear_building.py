@@ -75,9 +75,10 @@ class ShearBuilding:
         it acts on what stands on them as if that stood on the ground. None by default.
     footing
         The ``Footing`` on soil (``on_soil``); None, the default, for rigid ground. ``damping`` then
-        acts on velocities relative to the rigid motion of the footing. Periods and modes are those
-        on soil, whose last two numbers of a shape are the footing and its rotation, the
-        displacement of a lever of 1 m. A link names the footing as the floor above all others.
+        acts on velocities relative to the rigid motion of the footing; its α and β are those by the
+        modes on rigid ground. Periods and modes are those on soil, whose last two numbers of a
+        shape are the footing and its rotation, the displacement of a lever of 1 m. A link names the
+        footing as the floor above all others.
 
     Examples
     --------
@@ -111,7 +112,7 @@ class ShearBuilding:
         for i, height in enumerate(heights):
             name = f"heights.{i}"
             if is_traced(positive_number(**{name: height})):
-                rule = "must be known, not traced: it does not enter the motion"
+                rule = "must be known, not traced: it decides which floors meet"
                 raise InvalidInput(name, "", rule)
             enforce([HEIGHT.of(name, height)])
         object.__setattr__(self, "heights", tuple(map(float, heights)))

@@ -123,9 +123,19 @@ class Footing(BatchInSI):
         super().__post_init__()
 
     def require_below(self, masses: Sequence[Any]) -> None:
-        """An ``InvalidInput`` for a footing that is too light for the masses on it, kg."""
-        says = f"at least {_LIGHTEST:g} times the mass of the building ({_MASSLESS})"
-        enforce([Rule("footing.mass", self.mass, self.mass >= _LIGHTEST * sum(masses), says)])
+        """An ``InvalidInput`` for a footing that is too light for the masses on it, kg.
+
+        Or of less inertia than a thin plate of the lightest footing has.
+        """
+        least = _LIGHTEST * sum(masses)
+        says = f"at least {_LIGHTEST:g} times the mass of floors and tuned masses ({_MASSLESS})"
+        rules = [Rule("footing.mass", self.mass, self.mass >= least, says)]
+        if self.inertia is not None:
+            plate = least * self.second_moment / self.area
+            says = f"at least that of a thin plate of {_LIGHTEST:g} times the mass of floors and "
+            says += f"tuned masses ({_MASSLESS})"
+            rules.append(Rule("footing.inertia", self.inertia, self.inertia >= plate, says))
+        enforce(rules)
 
     @property
     def area(self) -> Any:

@@ -18,7 +18,7 @@ from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.ends import Element, along, beside_axis, load_on, moving_ends, weighted
 from jaxpound.model.places import link_places, mass_places, rod_places
-from jaxpound.model.topology import AnyEnds, Topology
+from jaxpound.model.topology import GROUND, AnyEnds, Topology, footings
 from jaxpound.quantities import column, unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import ByElement, Columnar, are_concrete, kind_in, run_numbers
@@ -350,12 +350,15 @@ class Response(ByElement, Columnar, Shown):
         if d.links:
             closest = f"{d.min_gap:.6g} {length} at {d.min_gap_time:.6g} {second}"
             rows.append(("min gap", closest + ("   POUNDS" if d.pounds else "") + d.checked_floors))
+        rotations = [*footings(self.topology).values()]  # with other units than the floors
         masses, rods = mass_places(self.topology), rod_places(self.topology)
-        accelerations = _largest("a", d.flat("peak_acceleration"), acceleration, masses)
+        rocking = [self.topology.rods.index((mass, GROUND)) for mass in rotations]
+        peaks = d.flat("peak_acceleration"), d.flat("peak_x"), d.flat("peak_force")
+        accelerations = _largest("a", peaks[0], acceleration, masses, rotations)
         rows += [
-            ("displacement", _largest("x", d.flat("peak_x"), length, masses)),
+            ("displacement", _largest("x", peaks[1], length, masses, rotations)),
             ("acceleration", f"{accelerations}; of the ground {d.pga:.4g} {acceleration}"),
-            ("rod force", _largest("f", d.flat("peak_force"), force, rods)),
+            ("rod force", _largest("f", peaks[2], force, rods, rocking)),
         ]
         for k, (link, place) in enumerate(zip(d.links, link_places(self.topology), strict=True)):
             where = f" {place}" if len(d.links) > 1 else ""
@@ -373,13 +376,20 @@ class Response(ByElement, Columnar, Shown):
         return rows
 
 
-def _largest(letter: str, by_name: dict[str, Any], of_unit: str, places: tuple[str, ...]) -> str:
+def _largest(
+    letter: str,
+    by_name: dict[str, Any],
+    of_unit: str,
+    places: tuple[str, ...],
+    left_out: Sequence[int],
+) -> str:
     """Peaks of a pair one by one; of more elements only the largest, and where it is."""
-    if len(peaks := list(by_name.values())) <= 2:
-        both = ", ".join(f"|{letter}{i}| ≤ {peak:.4g}" for i, peak in enumerate(peaks, 1))
+    numbered = [(i, x) for i, x in enumerate(by_name.values()) if i not in left_out]
+    if len(numbered) <= 2:
+        both = ", ".join(f"|{letter}{i + 1}| ≤ {peak:.4g}" for i, peak in numbered)
         return f"{both} {of_unit}"
-    i = int(np.argmax(peaks))
-    return f"largest {peaks[i]:.4g} {of_unit}, {places[i]}"
+    i, peak = numbered[int(np.argmax([x for _, x in numbered]))]
+    return f"largest {peak:.4g} {of_unit}, {places[i]}"
 
 
 def require_single(response: Response) -> None:

@@ -73,6 +73,10 @@ def test_a_run_says_what_the_soil_does(pulse, tmp_path):
         assert soil["rocking_moment_N_m"] == float(demand.rods[first + 4].peak_force)
         assert building["base_shear_N"] == float(demand.rods[first].peak_force)
         assert building["series"] == [first + 1, first + 2, first + 3]
+    rocking, forces = (4, 9), [float(x.peak_force) for x in demand.rods]
+    others = [x for k, x in enumerate(forces) if k not in rocking]
+    assert max(forces[k] for k in rocking) > max(others)  # in N m
+    assert f"largest {max(others):.4g} N, " in str(response)
     between = results["links"][0]
     assert between["between"] == "1–2, footing"
     assert between["viscous_force_N"] == float(demand.rods[11].peak_force)

@@ -206,15 +206,14 @@ def test_places_have_words():
     links = jp.FloorLink(0, 0, gap=0.05, contact=law), jp.FloorLink(0, 1, next_building=0)
     system = pair_of(0.1, links).system()
     topology = system.topology
-    assert mass_places(topology)[:4] == tuple(
-        f"{x} of building 1" for x in ("floor 1", "floor 2", "footing", "rotation")
+    assert mass_places(topology)[:3] == tuple(
+        f"{x} of building 1" for x in ("floor 1", "floor 2", "footing")
     )
-    assert mass_places(topology)[4:] == tuple(
-        f"{x} of building 2" for x in ("floor 1", "footing", "rotation")
-    )
+    assert mass_places(topology)[4:6] == tuple(f"{x} of building 2" for x in ("floor 1", "footing"))
+    assert mass_places(topology)[3::3] == tuple(f"rotation of building {b}, at 1 m" for b in (1, 2))
     assert rod_places(topology)[2:5] == (
         "sway of building 1",
-        "rocking of building 1",
+        "rocking of building 1, at 1 m",
         "storey 1 of building 2",
     )
     assert link_places(topology) == ("1–2, floor 1", "in 1, floors 1–2", "1–2, footing")
@@ -292,7 +291,8 @@ def test_tuned_masses_stand_on_soil_in_either_order():
     for building in (before, after):
         topology = in_units(building, 1.0, 1.0, 1.0).system().topology
         assert mass_places(topology)[2:] == tuple(
-            f"{x} of building 1" for x in ("tuned mass", "footing", "rotation")
+            f"{x} of building 1{y}"
+            for x, y in (("tuned mass", ""), ("footing", ""), ("rotation", ", at 1 m"))
         )
     assert jp.on_soil(jp.Buildings((frame,)), soil, radius=6, footing_mass=2e5).buildings[0].footing
 
@@ -321,6 +321,13 @@ def test_bearings_stand_on_the_footing():
     assert yields.with_p_delta().footing is yields.footing is not None
 
 
+def test_the_least_inertia_is_that_of_the_lightest_plate():
+    """So that the inertia by default is never refused."""
+    lightest, disk = MASS * 1e-4, {"radius": RADIUS, "footing_mass": 1e5}
+    plate = on_disk(mass=lightest * 1.001).footing.rotational_inertia
+    assert jp.on_soil(FRAME, clay(), **disk, footing_inertia=plate).footing.inertia == plate
+
+
 def test_a_block_rocks_by_its_height():
     """Of several buildings only blocks take it."""
     block, disk = FRAME.storeys[0], {"radius": RADIUS, "footing_mass": 2e5}
@@ -329,12 +336,26 @@ def test_a_block_rocks_by_its_height():
     assert on_soil.modes(0).periods[0] == pytest.approx(PERIOD, abs=1e-5)
 
 
+def test_plausible_footings_are_no_floors():
+    """Contact between them is not judged by a storey, nor masses in t by that of a footing."""
+    law = jp.KelvinVoigt(2e9, 0.65)
+    contacts = [jp.FloorLink(*ends, gap=0.05, contact=law) for ends in ((0, 0), (0, 2, 1))]
+    pair_of(links=contacts)  # warnings are errors
+    tonnes = jp.ShearBuilding.from_period(2, 300.0, 0.5, 0.05)
+    with pytest.warns(jp.PlausibilityWarning, match="the heaviest floor, of 300 kg, should be"):
+        jp.Buildings((jp.on_soil(tonnes, clay(), radius=RADIUS, footing_mass=2e5),))
+
+
 test_wrong_numbers_are_refused = refusals(
     (lambda: jp.Soil(1.5, 1800, 0.3), r"Soil: shear_wave_velocity = 1\.5 must be between 20"),
     (lambda: jp.Soil(150, 1.8, 0.3), r"Soil: density = 1\.8 must"),
     (lambda: jp.Soil(150, 1800, 0.6), r"Soil: poisson_ratio = 0\.6 must be between 0 and 0\.5"),
     (lambda: on_disk(mass=0.0), r"on_soil: footing_mass = 0 must be .*infinitely fast"),
     (lambda: on_disk(mass=10.0), r"on_soil: footing_mass = 10 must be at least 0\.0001 times"),
+    (  # 1e-4 of 500 t on a radius of gyration of 3 m: 450 kg m²
+        lambda: jp.on_soil(FRAME, clay(), radius=6, footing_mass=1e5, footing_inertia=440),
+        r"on_soil: footing_inertia = 440 must be at least that of a thin plate of 0\.0001 times",
+    ),
     (
         lambda: jp.on_soil(FRAME, clay(), length=5, footing_mass=1e5),
         r"on_soil: width = None must be stated",
