@@ -118,7 +118,7 @@ def through_soil(
     left, right
         The buildings.
     share
-        Of stiffness and dashpot; 0 makes no link.
+        Of stiffness and dashpot; 0 makes no link, so that a traced share is to be more than 0.
     building
         The number of the left one in ``Buildings``, from 0.
 

@@ -196,7 +196,7 @@ class Response(ByElement, Columnar, Shown):
     @property
     def absolute_accelerations(self) -> tuple[Any, ...]:
         """Absolute acceleration x'' + ι u'' of each mass, in g (m/s² in SI): force over mass."""
-        return self.accelerations(*self.forces_in_elements)
+        return self.accelerations(*self._forces_in_elements)
 
     def accelerations(self, elements: Sequence[Element], forces: Sequence[Any]) -> tuple[Any, ...]:
         """Acceleration of each mass by forces in elements, by damping and by its load."""
@@ -231,7 +231,7 @@ class Response(ByElement, Columnar, Shown):
         return [*(mass.x for mass in self.masses), *(y.displacement for y in supports)]
 
     @property
-    def forces_in_elements(self) -> tuple[tuple[Element, ...], list[Any]]:
+    def _forces_in_elements(self) -> tuple[tuple[Element, ...], list[Any]]:
         """Rods and links, and the forces in them."""
         forces = [rod.force for rod in self.rods]
         for link in self.links:
@@ -500,7 +500,7 @@ def _energy_balance(response: Response) -> Energy:
 
 def _holding(response: Response) -> list[Any]:
     """Forces of supports on rods and links, from the last support to support 1."""
-    elements, forces = response.forces_in_elements
+    elements, forces = response._forces_in_elements
     ends = [beside_axis(moving_ends(element)) for element in elements]
     return [-load_on(-k, ends, forces) for k in range(len(response.supports) - 1, 0, -1)]
 
