@@ -461,5 +461,7 @@ def require_ground(name: str, value: Any) -> None:
     """An ``InvalidInput`` for a value that is neither a ground motion nor a function of t."""
     value = by_supports(value)
     if not (callable(value) or isinstance(value, Ground)):
-        rule = f"must have acceleration(t) or be a function of t{instead(value, 'Record')}"
+        hint = "; a tuple has the motion of each support" * isinstance(value, list)
+        hint = hint or instead(value, "Record")
+        rule = f"must have acceleration(t) or be a function of t{hint}"
         raise InvalidInput(name, repr(value), rule)
