@@ -78,4 +78,5 @@ def test_a_random_motion_travels_with_a_random_velocity():
     own = pulse.draw(z[:1])
     late = at_support(drawn, 1).acceleration(TIMES + DISTANCES[1] / velocity)
     np.testing.assert_allclose(late, 2 * own.acceleration(TIMES), atol=1e-9)
+    refused("; a tuple has the motion of each support", jp.travelling, [RECORD], 1.0, (0.0,))
     refused("velocity = -1 must be positive", jp.travelling, pulse, -1.0, DISTANCES)

@@ -316,7 +316,6 @@ test_wrong_supports_are_refused = refusals(
     (jp.Rod, SPRING, 1.0, (FIRST, G), "must be two different masses"),
     (jp.simulate, deck(), (AT_0, AT_1, AT_2), GRID, "motions of 3 supports, must be of 2: struct"),
     (jp.demand, deck(), 2 * jp.ground.SupportMotions((AT_0,) * 3), GRID, "motions of 3 supports"),
-    (jp.simulate, deck(), [AT_0, AT_1], GRID, "; a tuple has the motion of each support"),
     (jp.travelling, AT_0, 0.0, (0.0,), "velocity = 0 must be positive"),
     (jp.travelling, AT_0, 1.0, (0.0, -1.0), r"distances\[1\] = -1 must be finite and ≥ 0"),
     (jp.travelling, (AT_0, AT_1), 1.0, (0.0, 1.0), "must be one motion"),
