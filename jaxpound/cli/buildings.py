@@ -37,6 +37,7 @@ from jaxpound.cli.tables import InerterSection as Inerter
 from jaxpound.cli.tables import VelocityFrictionSection as VelocityFriction
 from jaxpound.model.building import DAMPING, PERIOD, ROD
 from jaxpound.model.parameters import get, paths
+from jaxpound.model.places import support_place
 from jaxpound.model.row import LinkLabels, by_face, require_floors, require_heights
 from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER, n_ends, storeys_of
 from jaxpound.model.system import is_closable
@@ -337,7 +338,7 @@ def end_in_file(link: jp.FloorLink) -> int | str:
     """``next_building`` of a link in a file: a building, from 1, the ground or another support."""
     if (end := link.other_floor) >= 0:
         return link.other_building + 1
-    return "ground" if end == jp.GROUND else f"{_SUPPORT}{jp.GROUND - end + 1}"
+    return support_place(end)
 
 
 class BuildingsLayout(NamedTuple):

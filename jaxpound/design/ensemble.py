@@ -19,15 +19,14 @@ from jaxpound.ground.motion import (
     Ground,
     GroundLike,
     Sum,
-    SupportMotions,
     as_motion,
     records_in,
     require_ground,
 )
 from jaxpound.ground.plausibility import first_of
 from jaxpound.ground.record import Record, derived
-from jaxpound.ground.run_input import all_in_g, all_sampled
-from jaxpound.ground.supports import at_support, n_supports
+from jaxpound.ground.run_input import all_in_g, all_sampled, sampled
+from jaxpound.ground.supports import by_each_support
 from jaxpound.ground.wavelets import Ricker
 from jaxpound.model.parameters import get, paths
 from jaxpound.scenarios.sampling import as_key, key_numbers, points, require_sampling
@@ -169,14 +168,14 @@ def _sampled(ground: GroundLike, grid: TimeGrid, unit: str | None) -> Any:
     """A ground motion at the instants of a grid; beside records what is in g is apart from them."""
     if unit is None:
         return all_sampled(ground, grid)
-    # Motions in m/s² under a gravity of 0 and of 1 are those without records, and with these in g.
-    without, both = (all_sampled(as_motion(ground).in_si(g), grid) for g in (0.0, 1.0))
-    pairs: list[Any] = []
-    for k in range(max(n_supports(both), 1)):
-        rest, whole = at_support(without, k), at_support(both, k)
-        in_g = dataclasses.replace(whole, samples=whole.samples - rest.samples, time_unit=unit)
-        pairs.append(Sum((in_g, rest)))
-    return SupportMotions(tuple(pairs)) if len(pairs) > 1 else pairs[0]
+
+    def apart(own: GroundLike) -> Sum:
+        # In m/s² under a gravity of 0 and of 1 it is without records, and with these in g.
+        rest, whole = (sampled(as_motion(own).in_si(g), grid) for g in (0.0, 1.0))
+        samples = whole.samples - rest.samples
+        return Sum((dataclasses.replace(whole, samples=samples, time_unit=unit), rest))
+
+    return by_each_support(ground, apart)
 
 
 def _stacked(grounds: Sequence[Any]) -> Any:

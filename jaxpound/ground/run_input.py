@@ -14,7 +14,7 @@ from jaxpound._fields import parameter, pytree_dataclass, static
 from jaxpound.grid import TimeGrid
 from jaxpound.ground import motion
 from jaxpound.ground.motion import DIMENSIONLESS, SECONDS, Ground, GroundLike, GroundMotion
-from jaxpound.ground.supports import at_support, n_supports
+from jaxpound.ground.supports import by_each_support, n_supports
 
 
 @pytree_dataclass
@@ -53,9 +53,7 @@ def sampled(ground: GroundLike, grid: TimeGrid) -> Sampled:
 
 def all_sampled(ground: GroundLike, grid: TimeGrid) -> GroundMotion:
     """``sampled``, of each support."""
-    n = n_supports(ground)
-    each = tuple(sampled(at_support(ground, k), grid) for k in range(max(n, 1)))
-    return motion.SupportMotions(each) if n else each[0]
+    return by_each_support(ground, lambda own: sampled(own, grid))
 
 
 def require_time_unit(name: str, ground: Any, *, si: bool = False) -> None:
@@ -90,8 +88,6 @@ def as_pytree(ground: GroundLike, grid: TimeGrid) -> Ground:
     leaves = jax.tree.leaves(ground)
     if isinstance(ground, Ground) and all(hasattr(x, "dtype") or np.isscalar(x) for x in leaves):
         return ground
-    if n := n_supports(ground):
-        return motion.SupportMotions(
-            tuple(as_pytree(at_support(ground, k), grid) for k in range(n))
-        )
+    if n_supports(ground):
+        return by_each_support(ground, lambda own: as_pytree(own, grid))
     return sampled(ground, grid)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -81,6 +81,13 @@ def at_support(ground: GroundLike, number: int) -> Any:
         return Sum(tuple(at_support(term, number) for term in ground._terms()))
     assert isinstance(ground, Scaled)
     return Scaled(at_support(ground.ground, number), ground.factor)
+
+
+def by_each_support(ground: GroundLike, convert: Callable[[Any], Any]) -> Any:
+    """A ground motion of which that of each support, or of all, is converted."""
+    n = n_supports(ground)
+    each = tuple(convert(at_support(ground, k)) for k in range(max(n, 1)))
+    return SupportMotions(each) if n else each[0]
 
 
 def n_supports(ground: GroundLike) -> int:

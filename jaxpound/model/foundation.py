@@ -142,9 +142,8 @@ def through_soil(
     enforce([Rule("share", share, (share >= 0) & (share <= _MOST_SHARED), says)])
     if not is_traced(share) and not share:
         return ()
-    k, c = (
-        share * jnp.sqrt(x * y)
-        for x, y in zip(*((f.sway_stiffness, f.sway_damping) for f in footings), strict=True)
-    )
+    a, b = footings
+    k = share * jnp.sqrt(a.sway_stiffness * b.sway_stiffness)
+    c = share * jnp.sqrt(a.sway_damping * b.sway_damping)
     ends = len(left.storeys), len(right.storeys)
     return (FloorLink(building, *ends, damper=Rod(Dashpot(c), k)),)

@@ -18,7 +18,7 @@ from jaxpound._fields import part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.ends import Element, along, beside_axis, load_on, moving_ends, weighted
 from jaxpound.model.places import link_places, mass_places, rod_places
-from jaxpound.model.topology import GROUND, AnyEnds, Topology, footings
+from jaxpound.model.topology import AnyEnds, Topology, footings, soil_spring
 from jaxpound.quantities import column, unit
 from jaxpound.results.demand import Demand
 from jaxpound.results.elements import ByElement, Columnar, are_concrete, kind_in, run_numbers
@@ -352,7 +352,7 @@ class Response(ByElement, Columnar, Shown):
             rows.append(("min gap", closest + ("   POUNDS" if d.pounds else "") + d.checked_floors))
         rotations = [*footings(self.topology).values()]  # with other units than the floors
         masses, rods = mass_places(self.topology), rod_places(self.topology)
-        rocking = [self.topology.rods.index((mass, GROUND)) for mass in rotations]
+        rocking = [soil_spring(self.topology, mass) for mass in rotations]
         peaks = d.flat("peak_acceleration"), d.flat("peak_x"), d.flat("peak_force")
         accelerations = _largest("a", peaks[0], acceleration, masses, rotations)
         rows += [

@@ -19,6 +19,7 @@ from jaxpound.model.contact import with_mass
 from jaxpound.model.ends import along, less_ground
 from jaxpound.model.joint import Joint
 from jaxpound.model.system import System
+from jaxpound.model.topology import WeightedMasses, joined_ends
 from jaxpound.simulation.contact.forces import inverse_of
 from jaxpound.simulation.contact.records import Contact, Coupling, GapStep, times
 from jaxpound.simulation.joints import group as functions
@@ -272,20 +273,20 @@ def _seen(
     return SeenGroup(forces, inertia, jumps, links)
 
 
-def _inverse(delassus: jax.Array, joints: Sequence[Joint]) -> jax.Array:
+def _inverse(delassus: jax.Array, joints: Sequence[Joint], system: System) -> jax.Array:
     """G⁻¹, by which masses follow joints; where links close a ring, the pseudo-inverse of G.
 
     The closings in a ring are C x = L C_1 x with those of the joints 1 that close none, so that
     G = L G_1 Lᵀ.
     """
-    masses = sorted({mass for joint in joints for mass, _ in joint.ends})
-    if not all(isinstance(w, int) for joint in joints for _, w in joint.ends):
+    all_ends = [system.links[joint.link].ends for joint in joints]
+    if any(isinstance(ends, WeightedMasses) for ends in all_ends):
         return inverse_of(delassus)  # weights are checked: no closing follows from others
-    rows = np.array([[dict(joint.ends).get(mass, 0) for mass in masses] for joint in joints])
-    ranks = [np.linalg.matrix_rank(rows[:n]) for n in range(len(rows) + 1)]
-    first = [n for n in range(len(rows)) if ranks[n + 1] > ranks[n]]
-    if len(first) == len(rows):
+    _, first = joined_ends(len(system.masses), all_ends)
+    if len(first) == len(joints):
         return inverse_of(delassus)
+    unit_motions = [*np.eye(len(system.masses))]
+    rows = np.stack([along(joint.ends, unit_motions) for joint in joints])
     whole = np.linalg.pinv(rows @ np.linalg.pinv(rows[first]))
     independent = inverse_of(delassus[np.ix_(first, first)])
     return jnp.asarray(whole.T, delassus.dtype) @ independent @ jnp.asarray(whole, delassus.dtype)
@@ -331,12 +332,12 @@ def joint_group(
     if mobility is None:
         parts = [jnp.outer(row, row) / masses[mass] for mass, row in weights.items()]
         delassus = sum(parts[1:], parts[0])
-        inverse = _inverse(delassus, joints)
+        inverse = _inverse(delassus, joints, system)
         shares = {mass: (row @ inverse) / masses[mass] for mass, row in weights.items()}
     else:
         moved = mobility[:, jnp.array(numbers)] @ jnp.stack([weights[mass] for mass in numbers])
         delassus = jnp.stack([weights[mass] for mass in numbers]).T @ moved[jnp.array(numbers)]
-        shares = dict(enumerate(moved @ _inverse(delassus, joints)))
+        shares = dict(enumerate(moved @ _inverse(delassus, joints, system)))
     has_inerter = tuple(link.inerter is not None for link in links)
     driven = tuple(along(joint.path, influence) for joint in joints)
     inerters = None

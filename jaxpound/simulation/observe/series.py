@@ -139,7 +139,7 @@ def response_of(
 
 
 def _acceleration(ground: Ground, time: jax.Array, rest: jax.Array) -> jax.Array:
-    """U'' at the instants."""
+    """Ground acceleration u'' at the instants."""
     return jax.vmap(ground.acceleration)(time).astype(rest.dtype) + rest
 
 
