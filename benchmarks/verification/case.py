@@ -49,6 +49,19 @@ class Errors:
         return found
 
 
+def with_derivative(
+    title: str,
+    quantity: str,
+    steps: tuple[float, ...],
+    errors: Sequence[Sequence[float]],
+    constants: tuple[float, float],
+) -> list[Errors]:
+    """Errors of a quantity and of its derivative, each by step, of second order."""
+    names = quantity, "derivative"
+    rows = zip(names, errors, constants, strict=True)
+    return [Errors(f"{title}: {name}", steps, tuple(row), bound) for name, row, bound in rows]
+
+
 @dataclasses.dataclass(frozen=True)
 class Number:
     """A number beside the one that is known, which it must not miss by more than ``within``."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from benchmarks.verification.case import Case, Errors, Number
+from benchmarks.verification.case import Case, Number, with_derivative
 from tests.simulation.test_columns import CASES, WITHIN, collision, errors_of
 
 STEPS = (0.04, 0.02, 0.01)
@@ -25,13 +25,10 @@ def case(steps: Sequence[float] = STEPS, number: int = len(CASES)) -> Case:
     """Displacements and derivatives of the first systems, and single impacts."""
     steps, parts = tuple(steps), []
     for ends, side, ground in CASES[:number]:
-        values, slopes = errors_of(ends, side, ground, steps)
+        errors = errors_of(ends, side, ground, steps)
         storey = "first storey" if ground else "second storey"
         title = f"{ends} columns of the {side} building, {storey}"
-        parts += [
-            Errors(f"{title}: x", steps, tuple(values), 4.0),
-            Errors(f"{title}: derivative", steps, tuple(slopes), 40.0),
-        ]
+        parts += with_derivative(title, "x", steps, errors, (4.0, 40.0))
     return Case(
         "Floors that hit columns",
         "Two storeys beside one, on rods of order 1, under three wavelets up to t = 6. A floor of "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from benchmarks.verification.case import Case, Errors
+from benchmarks.verification.case import Case, with_derivative
 from tests.simulation.test_torsion import CASES, errors_of
 
 STEPS = (0.04, 0.02, 0.01)
@@ -15,13 +15,10 @@ def case(steps: Sequence[float] = STEPS, number: int = len(CASES)) -> Case:
     """Displacements, rotations and derivatives of the first systems."""
     steps, parts = tuple(steps), []
     for law, *eccentricities in CASES[:number]:
-        values, slopes = errors_of(law, *eccentricities, steps=steps)
+        errors = errors_of(law, *eccentricities, steps=steps)
         left, right = eccentricities
         title = f"{NAMES[law]}, eccentricities {left:g} and {right:g}"
-        parts += [
-            Errors(f"{title}: x and rotation", steps, tuple(values), 4.0),
-            Errors(f"{title}: derivative", steps, tuple(slopes), 30.0),
-        ]
+        parts += with_derivative(title, "x and rotation", steps, errors, (4.0, 30.0))
     return Case(
         "Eccentric floors that meet at two corners",
         "Two floors side by side, each with a displacement and a rotation about the vertical axis, "

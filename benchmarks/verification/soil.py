@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from benchmarks.verification.case import Case, Errors, Number
+from benchmarks.verification.case import Case, Number, with_derivative
 from tests.model.test_soil import DAMPING, PERIOD, RATIOS, on_disk
 from tests.simulation.test_soil import SHARES, errors_of
 
@@ -28,12 +28,9 @@ def case(steps: Sequence[float] = STEPS, shares: Sequence[float] = SHARES) -> Ca
     """First modes, and displacements and derivatives of the pair."""
     steps, parts = tuple(steps), []
     for share in shares:
-        values, slopes = errors_of(share, steps)
+        errors = errors_of(share, steps)
         title = "footings joined by the soil" if share else "footings apart"
-        parts += [
-            Errors(f"{title}: x", steps, tuple(values), 6.0),
-            Errors(f"{title}: derivative", steps, tuple(slopes), 40.0),
-        ]
+        parts += with_derivative(title, "x", steps, errors, (6.0, 40.0))
     return Case(
         "Buildings on soil",
         "A storey of 500 t, 1 s and 5 % on a disk of radius 6 m on soil of 1,800 kg/m³ and ν = "

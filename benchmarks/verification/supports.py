@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from benchmarks.verification.case import Case, Errors
+from benchmarks.verification.case import Case, with_derivative
 from tests.simulation.test_supports import CASES, errors_of
 
 STEPS = (0.04, 0.02, 0.01)
@@ -15,12 +15,9 @@ def case(steps: Sequence[float] = STEPS, number: int = len(CASES)) -> Case:
     """Displacements and derivatives of the first systems."""
     steps, parts = tuple(steps), []
     for law, sliding in CASES[:number]:
-        values, slopes = errors_of(law, sliding, steps=steps)
+        errors = errors_of(law, sliding, steps=steps)
         title = f"{NAMES[law]}, {'friction in both' if sliding else 'three'} joints"
-        parts += [
-            Errors(f"{title}: displacements", steps, tuple(values), 4.0),
-            Errors(f"{title}: derivative", steps, tuple(slopes), 30.0),
-        ]
+        parts += with_derivative(title, "displacements", steps, errors, (4.0, 30.0))
     return Case(
         "Decks on supports that move apart",
         "Two decks on rods of order 1, one of them on both supports, under three wavelets up to "

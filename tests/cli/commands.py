@@ -6,12 +6,14 @@ import itertools
 import re
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 import jaxpound as jp
 from jaxpound.cli import main as cli
+from jaxpound.cli.buildings import as_toml
 from jaxpound.cli.reading import File
 from jaxpound.cli.simulate import Simulation, shaking
 from tests.cli.described import compare_folder
@@ -41,6 +43,18 @@ def unrendered():
 def layout_of(text: str, name: str = "row.toml"):
     """Buildings and their links as a configuration has them."""
     return File(name, text).read(Simulation).layout
+
+
+def written_back(text: str, buildings, links):
+    """The links of a layout that is the library's buildings, read again as it is written."""
+    layout = layout_of(text)
+    assert repr(layout.shear_buildings) == repr(buildings)
+    assert repr(layout.buildings.links) == repr(links)
+    again = layout_of(as_toml(layout.buildings)).buildings
+    assert again.system().topology == layout.buildings.system().topology
+    values = [[float(x) for x in jax.tree.leaves(each)] for each in (again, layout.buildings)]
+    np.testing.assert_allclose(*values, rtol=1e-12)
+    return again.links
 
 
 def simulated(text: str, record: Path, folder: Path):

@@ -16,7 +16,7 @@ from jaxpound.model import Column
 from jaxpound.model.ends import weighted
 from tests.simulation.contact import rods_without_memory as exact
 from tests.simulation.pairs import SHAKING
-from tests.simulation.test_weights import STEPS, at_instants, reference, relative_way
+from tests.simulation.test_weights import STEPS, errors_along, reference, relative_way
 
 
 def row(ends="fixed", side="right", ground=False, law=None, **column):
@@ -73,12 +73,7 @@ def errors_of(ends, side, ground, steps=STEPS):
     way = relative_way(structures, 1)
     path, slope, kinds = reference(structures, way, frame_of, apart=0.0)
     assert kinds.count("touch") > 2
-    system, system_way = jax.jvp(jp.Row.system, (jax.tree.map(jnp.asarray, structures),), (way,))
-    errors = []
-    for step in steps:
-        pairs = zip(at_instants(system, system_way, step), (path, slope), strict=True)
-        errors.append([np.linalg.norm(x - y) / np.linalg.norm(y) for x, y in pairs])
-    return np.array(errors).T.tolist()
+    return errors_along(structures, way, path, slope, steps)
 
 
 @pytest.mark.parametrize(("ends", "side", "ground"), CASES)

@@ -3,15 +3,13 @@
 The reference has equations of its own: elongations by heights, sway, rocking and their dashpots.
 """
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxpound as jp
 from jaxpound.model import Spring
 from tests.simulation.contact import rods_without_memory as exact
-from tests.simulation.test_weights import STEPS, at_instants, reference, relative_way
+from tests.simulation.test_weights import STEPS, errors_along, reference, relative_way
 
 G = jp.GROUND
 STEEL = jp.ZenerRod(1.0, 0.03, 0.12)
@@ -83,12 +81,7 @@ def errors_of(share, steps=STEPS):
     path, slope, kinds = reference(row, way, frame_of, apart=0.0)
     assert kinds.count("touch") > 2
     assert np.abs(path[:, 2]).max() > 0.02  # it rocks
-    system, system_way = jax.jvp(jp.Row.system, (jax.tree.map(jnp.asarray, row),), (way,))
-    errors = []
-    for step in steps:
-        pairs = zip(at_instants(system, system_way, step), (path, slope), strict=True)
-        errors.append([np.linalg.norm(x - y) / np.linalg.norm(y) for x, y in pairs])
-    return np.array(errors).T.tolist()
+    return errors_along(row, way, path, slope, steps)
 
 
 @pytest.mark.parametrize("share", SHARES)

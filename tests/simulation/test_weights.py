@@ -264,6 +264,16 @@ def reference(system, way, frame=frame_of, apart=1e-6):
     return (low + high) / 2, (high - low) / (2 * SMALL), kinds
 
 
+def errors_along(row, way, path, slope, steps):
+    """Of displacements of a row, and of their derivative along a way, at each step."""
+    system, system_way = jax.jvp(jp.Row.system, (jax.tree.map(jnp.asarray, row),), (way,))
+    errors = []
+    for step in steps:
+        pairs = zip(at_instants(system, system_way, step), (path, slope), strict=True)
+        errors.append([np.linalg.norm(x - y) / np.linalg.norm(y) for x, y in pairs])
+    return np.array(errors).T.tolist()
+
+
 def relative_way(system, seed):
     """A way along which all numbers but orders change by shares of up to .5 of their own."""
     draw = np.random.default_rng(seed)
