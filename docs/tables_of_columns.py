@@ -21,6 +21,7 @@ ONLY = {
     "capacity": "only of a link at a column with a capacity",
     "contact": "only with a contact law",
     "storey": "only of a storey between two floors",
+    "supports": "only where supports move apart",
     "yielding": "only of a rod that yields",
 }
 

@@ -108,7 +108,8 @@ class Quantity(NamedTuple):
     field's name, or in a symbol its column's in words. Tables list lower ranks first. A design may
     be limited in it, or pay for it, if ``limited``; Richardson's method extrapolates ``smooth``
     series. Elements may have it ``only`` if they are links with "contact", at a "column" or one of
-    a known "capacity", rods that are a "storey" between two masses, or may be "yielding".
+    a known "capacity", or in structures on "supports" that move apart, rods that are a "storey"
+    between two masses, or may be "yielding".
     """
 
     kind: str | None

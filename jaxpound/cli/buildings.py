@@ -95,22 +95,28 @@ _Ultimate = Annotated[float, of_field(jp.BoucWen, "ultimate_displacement")]
 _Exponent = Annotated[float, of_field(jp.BoucWen, "exponent")]
 _Beta = Annotated[float, of_field(jp.BoucWen, "beta")]
 _Degradation = Annotated[float, of_field(jp.BoucWen, "strength_degradation")]
+_DampingRatio = Annotated[float, of_field(jp.Rayleigh, "ratio")]
 _Degradations = Annotated[_Degradation | list[_Degradation], each(_Degradation)]
 
 
 class DampingSection(Section):
-    """Rayleigh's damping, by the ratio of two modes or by its coefficients."""
+    """Rayleigh's damping, by the ratio of two modes or by its coefficients; or that of modes."""
 
-    rayleigh: Annotated[float, of_field(jp.Rayleigh, "ratio")] | None = None
+    rayleigh: _DampingRatio | None = None
+    modal: Annotated[_DampingRatio | list[_DampingRatio], each(_DampingRatio)] | None = None
     modes: Annotated[list[_Number], Meta(min_length=2, max_length=2)] | None = None
     mass: Annotated[float, of_field(jp.Rayleigh, "mass")] | None = None
     stiffness: Annotated[float, of_field(jp.Rayleigh, "stiffness")] | None = None
 
     def __post_init__(self) -> None:
-        self.require_form(Form(("rayleigh",), ("modes",)), Form(("mass", "stiffness")))
+        self.require_form(
+            Form(("rayleigh",), ("modes",)), Form(("mass", "stiffness")), Form(("modal",))
+        )
 
-    def model(self) -> jp.Rayleigh:
-        """The library's ``Rayleigh``."""
+    def model(self) -> Any:
+        """The library's ``Rayleigh`` or ``ModalDamping``."""
+        if self.modal is not None:
+            return jp.model.ModalDamping(self.modal)
         stated = self.stated()
         return jp.Rayleigh(stated.pop("rayleigh", None), **stated)
 
@@ -457,7 +463,9 @@ def _lists(series: Mapping[str, Sequence[Any]]) -> list[str]:
     return [f"{key} = [{', '.join(map(_written, x))}]" for key, x in series.items()]
 
 
-def _damping(damping: jp.Rayleigh | None) -> list[str]:
+def _damping(damping: Any) -> list[str]:
+    if isinstance(damping, jp.model.ModalDamping):
+        return _lists({"modal": damping.ratios})
     if damping is not None and damping.ratio is not None:
         return [f"rayleigh = {_written(damping.ratio)}", f"modes = {[*damping.modes]}"]
     numbers = {x: damping and getattr(damping, x) for x in ("mass", "stiffness")}

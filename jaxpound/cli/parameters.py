@@ -139,7 +139,8 @@ def _keys(layout: BuildingsLayout) -> dict[str, list[str]]:
                     keys[f"{owner}.{key}"] = [f"buildings.{b}.storeys.{i}.{path}"]
         below = {f"soil.{key}": f"footing.{x}" for key, x in soil_keys(building.footing).items()}
         for path in paths(building.damping):
-            key = "rayleigh" if path == "ratio" else path
+            name, _, number = path.partition(".")
+            key = {"ratio": "rayleigh", "ratios": f"modal.{int(number or 0) + 1}"}.get(name, name)
             below[f"damping.{key}"] = f"damping.{path}"
         keys |= {f"building.{b + 1}.{key}": [f"buildings.{b}.{x}"] for key, x in below.items()}
     for k, (table, link) in enumerate(zip(layout.tables, layout.buildings.links, strict=True)):

@@ -296,6 +296,7 @@ def _of_link(layout: BuildingsLayout, response: jp.Response, k: int) -> dict[str
         "viscous_force_N": None if damper is None else float(damper.peak_force),
         "viscous_energy_J": _largest(getattr(damper, "dissipated_energy", None)),
         "contact": _of_contact(response, k),
+        "opening_m": _largest(demand.peak_opening),
         "column_shear_N": _largest(demand.peak_column_shear),
         "column_shear_ratio": _largest(demand.column_shear_ratio),
     }

@@ -13,6 +13,7 @@ from .dampers import Dashpot as Dashpot
 from .dampers import Inerter as Inerter
 from .dampers import PowerLaw as PowerLaw
 from .dampers import VelocityFriction as VelocityFriction
+from .damping import ModalDamping as ModalDamping
 from .damping import Rayleigh as Rayleigh
 from .foundation import on_soil as on_soil
 from .foundation import through_soil as through_soil

@@ -80,6 +80,13 @@ class Dashpot(Batch):
 
 
 @pytree_dataclass
+class MatrixDashpot(Dashpot):
+    """A dashpot of a damping matrix of a building; where only all dissipate it may be negative."""
+
+    coefficient: Any = parameter("c", "damping", "coefficient")
+
+
+@pytree_dataclass
 class Inerter:
     """An inerter: its force is b (x_i'' − x_j''), in proportion to the relative acceleration.
 

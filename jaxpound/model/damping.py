@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
-import jax
 import jax.numpy as jnp
-from jax import lax
+import numpy as np
 
-from jaxpound._checks import Range, as_tuple, is_whole
+from jaxpound._checks import Range, as_tuple, is_traced, is_whole
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import BatchInSI, parameter, pytree_dataclass, static
+from jaxpound.model.structures import storey_ends
+from jaxpound.model.topology import GROUND, Ends
 
 _RATIO = Range(0, 1, "", "of the critical damping; 0.05 is 5 %")
 _OF_MASS = Range(0, 1e3, "1/s", "some hundredths of a rigid building's frequency")
 _OF_STIFFNESS = Range(0, 1e2, "s", "some hundredths of a flexible building's period")
 _MODES = (1, 2)
-_BISECTIONS = 60  # to rounding
 
 
 @pytree_dataclass
@@ -82,46 +81,88 @@ class Rayleigh(BatchInSI):
         if self.ratio is None:
             alpha, beta = (0.0 if x is None else x for x in (self.mass, self.stiffness))
             return alpha, beta
-        numbers = [min(number, len(masses)) for number in self.modes]
-        first, second = (frequency(masses, stiffnesses, number - 1) for number in numbers)
+        numbers = [min(number, len(masses)) - 1 for number in self.modes]
+        frequencies, _ = normal_modes(masses, stiffnesses)
+        first, second = (frequencies[..., number] for number in numbers)
         beta = 2 * self.ratio / (first + second)
         return beta * first * second, beta
 
+    def dashpots(self, masses: Sequence[Any], stiffnesses: Sequence[Any]) -> list[tuple[Ends, Any]]:
+        """Ends by floor, from 0, and coefficient, N s/m, of what it is in such a building."""
+        alpha, beta = self.coefficients(masses, stiffnesses)
+        pairs = enumerate(zip(masses, stiffnesses, strict=True))
+        both = ([((i, GROUND), alpha * m), (storey_ends(i), beta * k)] for i, (m, k) in pairs)
+        return [dashpot for dashpots in both for dashpot in dashpots]
 
-@partial(jax.jit, static_argnames="mode")
-def frequency(masses: Sequence[Any], stiffnesses: Sequence[Any], mode: int) -> jax.Array:
-    """Frequency of a mode, from 0, of masses one above the other on springs without damping.
 
-    By bisection and Sturm's count, and steps of Newton's method, which bring the derivatives.
+@pytree_dataclass
+class ModalDamping(BatchInSI):
+    r"""A damping ratio for each mode, :math:`C = M Φ \operatorname{diag}(2 ζ ω) Φ^T M`.
+
+    Φ are the modes of a building on springs, of unit modal mass, before storeys yield: dashpots
+    then go on as they are, between any two floors (Wilson and Penzien 1972). As ``Rayleigh``'s
+    damping it acts on velocities relative to the ground, to the base of a building on bearings or
+    to the footing on soil. With the weight of ``with_p_delta`` the modes are those with weight.
+
+    Raises ``ValueError`` if a value breaks its rule; a building, if it has another number of modes.
+
+    Parameters
+    ----------
+    ratios
+        Damping ratio ≥ 0 of each mode (0.05 is 5 %), the first first, as many as there are storeys
+        above bearings; or one for all.
+
+    Examples
+    --------
+    >>> damping = jp.model.ModalDamping([0.02, 0.05, 0.05, 0.1])
+    >>> frame = jp.ShearBuilding.of_storeys([3e5] * 4, 4e8, damping=damping)
+    >>> frame.modes().damping_ratios.round(4).tolist()
+    [0.02, 0.05, 0.05, 0.1]
     """
-    above = (*stiffnesses[1:], 0.0)
-    diagonal = [(k + up) / m for m, k, up in zip(masses, stiffnesses, above, strict=True)]
-    pairs = zip(stiffnesses[1:], masses, masses[1:], strict=False)
-    matrix = diagonal, [0.0, *(k**2 / (low * high) for k, low, high in pairs)]
-    fixed = lax.stop_gradient(matrix)
 
-    def characteristic(matrix: Any, square: Any) -> tuple[Any, Any]:
-        """The characteristic polynomial, but for its size, and how many roots are below."""
-        last, value, below = jnp.zeros_like(square), jnp.ones_like(square), jnp.asarray(0)
-        for entry, coupling in zip(*matrix, strict=True):
-            following = (entry - square) * value - coupling * last
-            below += jnp.where((following < 0) != (value < 0), 1, 0)
-            size = lax.stop_gradient(jnp.maximum(jnp.abs(following), jnp.abs(value)))
-            last, value = value / size, following / size
-        return value, below
+    ratios: Any = parameter(r"\zeta", words="damping ratio", least=0, within=_RATIO, each=True)
 
-    def halve(bracket: tuple[Any, Any], _: None) -> tuple[Any, None]:
-        low, high = bracket
-        middle = (low + high) / 2
-        beyond = characteristic(fixed, middle)[1] > mode
-        return (jnp.where(beyond, low, middle), jnp.where(beyond, middle, high)), None
+    def __post_init__(self) -> None:
+        ratios = self.ratios if isinstance(self.ratios, list | tuple) else (self.ratios,)
+        object.__setattr__(self, "ratios", tuple(ratios))
+        if not ratios:
+            raise InvalidInput("ratios", "()", "must hold at least one")
+        super().__post_init__()
 
-    high = 2 * sum(fixed[0])  # beyond all
-    (low, high), _ = lax.scan(halve, (0 * high, high), length=_BISECTIONS)
-    square = (low + high) / 2
-    for _ in range(2):
-        value, slope = jax.jvp(
-            lambda x: characteristic(matrix, x)[0], (square,), (jnp.ones_like(square),)
-        )
-        square = square - value / slope
-    return jnp.sqrt(square)
+    def require_modes(self, n: int) -> None:
+        """An ``InvalidInput`` for a number of ratios that is not that of n storeys."""
+        if (count := len(self.ratios)) not in (1, n):
+            rule = f"must be {n}, one for each storey above bearings, or one for all"
+            raise InvalidInput(f"ratios, {count} of them,", "", rule)
+
+    def dashpots(self, masses: Sequence[Any], stiffnesses: Sequence[Any]) -> list[tuple[Ends, Any]]:
+        """Ends by floor, from 0, and coefficient, N s/m, of what it is in such a building.
+
+        A coefficient may be negative: only all of them together dissipate.
+        """
+        n, (frequencies, shapes) = len(masses), normal_modes(masses, stiffnesses)
+        moving = [[masses[i] * shapes[..., i, mode] for mode in range(n)] for i in range(n)]
+        ratios = self.ratios * (n // len(self.ratios))
+        sizes = [2 * ratio * frequencies[..., mode] for mode, ratio in enumerate(ratios)]
+        matrix = [
+            [sum(a * b * size for a, b, size in zip(x, y, sizes, strict=True)) for x in moving]
+            for y in moving
+        ]
+        to_ground = [((i, GROUND), sum(row)) for i, row in enumerate(matrix)]
+        return to_ground + [((i, j), -matrix[i][j]) for i in range(n) for j in range(i)]
+
+
+def normal_modes(masses: Sequence[Any], stiffnesses: Sequence[Any]) -> tuple[Any, Any]:
+    """Frequencies, rising, and shapes of masses one above the other on springs, by the last axes.
+
+    Column i of the shapes is mode i, of unit modal mass.
+    """
+    xp: Any = jnp if is_traced((masses, stiffnesses)) else np
+    numbers = xp.stack(xp.broadcast_arrays(*masses, *stiffnesses), -1)
+    m, k = numbers[..., : len(masses)], numbers[..., len(masses) :]
+    above, unit = xp.concatenate([k[..., 1:], 0 * k[..., :1]], -1), xp.eye(len(masses))
+    scale = 1 / xp.sqrt(m)
+    coupling = (-above * scale * xp.roll(scale, -1, -1))[..., None] * xp.eye(len(masses), k=1)
+    diagonal = ((k + above) * scale**2)[..., None] * unit
+    squares, vectors = xp.linalg.eigh(diagonal + coupling + xp.swapaxes(coupling, -1, -2))
+    return xp.sqrt(squares), scale[..., None] * vectors

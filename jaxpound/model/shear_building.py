@@ -24,8 +24,8 @@ from jaxpound._checks import (
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import ORDER_BY_DEFAULT, ROD, Building
-from jaxpound.model.dampers import Dashpot
-from jaxpound.model.damping import Rayleigh
+from jaxpound.model.dampers import MatrixDashpot
+from jaxpound.model.damping import ModalDamping, Rayleigh, normal_modes
 from jaxpound.model.hysteresis import Bilinear
 from jaxpound.model.rod import Spring
 from jaxpound.model.soil import Footing, SoilEffect
@@ -68,8 +68,8 @@ class ShearBuilding:
         are no floors and no storeys of the building. None by default. A link names the first as the
         floor above the roof.
     damping
-        ``Rayleigh``'s damping, beside that of the storeys' rods; None by default. It leaves out
-        tuned masses and bearings.
+        ``Rayleigh``'s or ``ModalDamping``, beside that of the storeys' rods; None by default. It
+        leaves out tuned masses and bearings.
     n_bearings
         How many of the first storeys are bearings (``on_bearings``), which ``damping`` leaves out:
         it acts on what stands on them as if that stood on the ground. None by default.
@@ -93,7 +93,7 @@ class ShearBuilding:
     storeys: tuple[Building, ...] = part(Building, each=True)
     heights: tuple[float, ...] = static(default=3.0)
     n_tuned: int = static(default=0, listed=bool)
-    damping: Rayleigh | None = part(Rayleigh, NoneType, default=None, listed=bool)
+    damping: Any = part(Rayleigh, ModalDamping, NoneType, default=None, listed=bool)
     n_bearings: int = static(default=0, listed=bool)
     footing: Footing | None = part(Footing, NoneType, default=None, listed=bool)
 
@@ -104,7 +104,7 @@ class ShearBuilding:
             rule = f"must be a whole number from 0 to {self.n_floors - 1}"
             raise InvalidInput("n_bearings", repr(self.n_bearings), rule)
         if self.damping is not None:
-            with renamed(names={"modes": "damping.modes"}):
+            with renamed("damping"):
                 self.damping.require_modes(self.n_floors - self.n_bearings)
         if self.footing is not None:
             self.footing.require_below([storey.mass for storey in self.storeys])
@@ -130,7 +130,7 @@ class ShearBuilding:
         yield_force: Any = None,
         hardening: Any = 0.0,
         dashpots: Any = None,
-        damping: Rayleigh | None = None,
+        damping: Any = None,
     ) -> ShearBuilding:
         """A building from its floors' masses and its storeys' rods.
 
@@ -184,7 +184,7 @@ class ShearBuilding:
         *,
         taper: float = 1.0,
         height: Any = 3.0,
-        damping: Rayleigh | None = None,
+        damping: Any = None,
     ) -> ShearBuilding:
         """A building with this period and damping ratio of the first mode.
 
@@ -209,7 +209,7 @@ class ShearBuilding:
         height
             Height > 0 of each storey, m, from the ground up, or one for all.
         damping
-            ``Rayleigh``'s damping in the place of a ratio; the storeys are then springs.
+            As in ``ShearBuilding``, in the place of a ratio; the storeys are then springs.
 
         Examples
         --------
@@ -236,7 +236,8 @@ class ShearBuilding:
             raise InvalidInput("damping_ratio", str(damping_ratio), rule)
         with renamed(names={"mass": "storey_mass"}):
             block = Building.from_period(masses[0], period, damping_ratio, order, tau_f)
-            unit = block.stiffness / _least_eigenvalue(shares, [m / masses[0] for m in masses])
+            frequencies, _ = normal_modes([m / masses[0] for m in masses], shares)
+            unit = block.stiffness / frequencies[..., 0] ** 2
             rod: dict[str, Any] = {name: getattr(block, name) for name in ROD}
             storeys = [Building(m, unit * x, **rod) for m, x in zip(masses, shares, strict=True)]
             if block.dashpot is not None:
@@ -355,22 +356,20 @@ class ShearBuilding:
 
     def _with_own_dashpots(self) -> ShearBuilding:
         """The same, where a change of stiffness leaves β K of ``damping`` as it is."""
-        if self.damping is None:
+        if not isinstance(self.damping, Rayleigh):
             return self
         first, n = self.n_bearings, self.n_floors
-        alpha, beta = self._rayleigh()
+        alpha, beta = self.damping.coefficients(*self._above_bearings())
         dashpots = [0.0 if x.dashpot is None else x.dashpot for x in self.storeys[first:n]]
         pairs = zip(self.storeys[first:n], dashpots, strict=True)
         damped = [dataclasses.replace(x, dashpot=c + beta * x.stiffness) for x, c in pairs]
         storeys = *self.storeys[:first], *damped, *self.storeys[n:]
         return dataclasses.replace(self, storeys=storeys, damping=Rayleigh(mass=alpha))
 
-    def _rayleigh(self) -> tuple[Any, Any]:
-        """α and β of ``damping``, of the storeys above bearings."""
+    def _above_bearings(self) -> tuple[list[Any], list[Any]]:
+        """Masses and stiffnesses of the storeys that ``damping`` is of."""
         storeys = self.storeys[self.n_bearings : self.n_floors]
-        numbers = ([getattr(storey, x) for storey in storeys] for x in ("mass", "stiffness"))
-        assert self.damping is not None
-        return self.damping.coefficients(*numbers)
+        return [x.mass for x in storeys], [x.stiffness for x in storeys]
 
     @property
     def n_floors(self) -> int:
@@ -438,7 +437,7 @@ def in_units(
         radiation = footing.sway_damping, footing.rocking_damping
         dashpots += [((n + x, GROUND), c) for x, c in enumerate(radiation)]
     undamped = unchecked(Storeys, **parts, damping=())
-    materials = [unchecked(Dashpot, coefficient=c / (mass * frequency)) for _, c in dashpots]
+    materials = [unchecked(MatrixDashpot, coefficient=c / (mass * frequency)) for _, c in dashpots]
     ends = [undamped.between(*ends) for ends, _ in dashpots]
     damping = (unchecked(Rod, material=x, **y) for x, y in zip(materials, ends, strict=True))
     return unchecked(Storeys, **parts, damping=tuple(damping))
@@ -471,10 +470,8 @@ def _dashpots(building: Building | ShearBuilding) -> list[tuple[Ends, Any]]:
     ]
     if isinstance(building, ShearBuilding) and building.damping is not None:
         first = building.n_bearings
-        alpha, beta = building._rayleigh()
-        for i, storey in enumerate(building.storeys[first : building.n_floors], first):
-            dashpots.append(((i, first - 1 if first else GROUND), alpha * storey.mass))
-            dashpots.append((storey_ends(i), beta * storey.stiffness))
+        inherent = building.damping.dashpots(*building._above_bearings())
+        dashpots += [((first + i, first + j), c) for (i, j), c in inherent]  # GROUND is below 0
     return dashpots
 
 
@@ -497,12 +494,3 @@ def _each(name: str, value: Any, n: int) -> tuple[Any, ...]:
         rule = f"must be {n}, a number for each storey, or one for all"
         raise InvalidInput(f"{name}, {len(listed)} of them,", "", rule)
     return listed
-
-
-def _least_eigenvalue(stiffnesses: np.ndarray, masses: Sequence[Any]) -> Any:
-    """The least λ of K φ = λ M φ, of a shear building."""
-    xp = jnp if is_traced(masses) else np
-    off = np.diag(stiffnesses[1:], 1)
-    matrix = np.diag(stiffnesses + np.append(stiffnesses[1:], 0)) - off - off.T
-    scale = 1 / xp.sqrt(xp.stack(masses))
-    return xp.linalg.eigvalsh(matrix * xp.outer(scale, scale))[0]

@@ -33,7 +33,7 @@ OF_YIELDING = ("ductility", "residual_drift", "dissipated_energy")
 
 OF_CONTACTS: dict[str, Callable[[Any, Any], Any]] = {
     **dict.fromkeys(("peak_contact", "peak_impulse", "peak_penetration"), larger),
-    **dict.fromkeys(("peak_column_shear", "column_shear_ratio"), larger),
+    **dict.fromkeys(("peak_column_shear", "column_shear_ratio", "peak_opening"), larger),
     **dict.fromkeys(("n_impacts", "contact_work"), operator.add),
     "first_impact_time": smaller,
 }
@@ -51,8 +51,8 @@ class Demand(ByElement, Columnar, Shown):
     for a single link ``min_gap_time``, ``slip_distance``, ``friction_work``, ``residual_offset``
     and ``soft_min_gap`` (for several ``min_gap_time_1`` and so on). As attributes only, of several
     links, such as the two faces of one, ``peak_contact``, ``peak_impulse``, ``peak_penetration``,
-    ``peak_column_shear`` and ``column_shear_ratio`` are the largest, ``n_impacts`` and
-    ``contact_work`` the sums, ``first_impact_time`` the first;
+    ``peak_column_shear``, ``column_shear_ratio`` and ``peak_opening`` are the largest,
+    ``n_impacts`` and ``contact_work`` the sums, ``first_impact_time`` the first;
     ``ductility``, ``residual_drift``, ``dissipated_energy``, ``peak_drift`` and, of floors,
     ``peak_acceleration`` are the largest of all storeys that have one.
 

@@ -96,6 +96,8 @@ MASSES = [3e5, 3e5, 2e5]
 DAMPED = jp.ShearBuilding.of_storeys(MASSES, 2e8, damping=jp.Rayleigh(0.05, (1, 3)))
 VISCOUS = jp.ShearBuilding.of_storeys(MASSES, 2e8, dashpots=[1e6, None, 2e6])
 ALPHA_BETA = jp.Rayleigh(mass=0.5, stiffness=0.002)
+MODAL = jp.model.ModalDamping([0.02, 0.05, 0.1])
+MODALLY = jp.ShearBuilding.of_storeys(MASSES, 2e8, damping=MODAL)
 UNIFORMLY = jp.ShearBuilding.from_period(3, 3e5, 0.5, damping=ALPHA_BETA)
 FORMS = {
     "two faces": (ISOLATED + STOREYS + LINK, of_two_faces()),
@@ -112,6 +114,7 @@ FORMS = {
         tuned_inerter(floor=0, mass_ratio=0.02),
     ),
     "left face": (GROUND + OF_FACE, one(FRAME, (FACE,))),
+    "modal": (SPRINGS.format("damping = {modal = [0.02, 0.05, 0.1]}"), one(MODALLY, ())),
     "rayleigh": (SPRINGS.format("damping = {rayleigh = 0.05, modes = [1, 3]}"), one(DAMPED, ())),
     "rayleigh on bearings": (
         f"{UNIFORM}damping = {{mass = 0.5, stiffness = 0.002}}\n[building.isolation]\n{ON_LEAD}",
@@ -140,6 +143,7 @@ def test_damping_has_keys_and_a_file_s_faults_are_named():
         "damping = {rayleigh = 1.5}": "rayleigh = 1.5 must be between 0 and 1",
         "damping = {rayleigh = 0.05, modes = [1, 4]}": r"modes = \(1, 4\) must be from 1 to 3",
         "damping = {mass = 1.0}": "damping lacks stiffness",
+        "damping = {modal = [0.1, 0.2]}": "ratios, 2 of them, must be 3, one for each storey",
         "order = 0.5": "lacks tau_f, tau_x",
         "dashpots = [1.0, 2.0]": "dashpots, 2 of them, must be 3",
         "damping = {rayleigh = 0.05}\nbearings = 3": "bearings = 3 must be a whole number",

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 import jaxpound as jp
-from jaxpound.model.damping import frequency
+from jaxpound.model.damping import normal_modes
 from tests.model.test_isolation import matrices
 from tests.refusals import refusals
 
@@ -67,7 +67,7 @@ def test_frequencies_and_their_derivatives_are_those_of_the_eigenvalues(n):
     for mode in {0, min(1, n - 1), n - 1}:
 
         def ours(size, mode=mode):
-            return frequency(masses, stiffnesses + size * way, mode)
+            return normal_modes(masses, stiffnesses + size * way)[0][mode]
 
         value, slope = jax.value_and_grad(ours)(0.0)
         assert float(value) == pytest.approx(by_eigenvalues(stiffnesses, mode), rel=1e-12)
@@ -148,24 +148,94 @@ def test_damping_moves_buildings_as_rods_of_dashpots_do(law):
     assert float(ours.energy.relative_residual) < 2e-2
 
 
-def test_on_bearings_it_acts_on_what_stands_on_them():
+def damping_matrix(building):
+    """D of a building's dashpots, by their ends."""
+    system = jp.Buildings((building,)).system()
+    matrix = np.zeros((n := len(system.masses), n))
+    for rod in system.damping:
+        row = np.zeros(n + 1)
+        row[list(rod.ends)] = 1, -1  # the last is the ground
+        matrix += float(rod.material.coefficient) * np.outer(row, row)[:n, :n]
+    return matrix
+
+
+RATIOS = (0.02, 0.05, 0.04, 0.1)
+MODAL = jp.model.ModalDamping(RATIOS)
+
+
+def modal_matrix(mass, stiffness, ratios=RATIOS):
+    squares, shapes = eigh(stiffness, mass)
+    return mass @ shapes @ np.diag(2 * np.array(ratios) * np.sqrt(squares)) @ shapes.T @ mass
+
+
+@pytest.mark.parametrize("damping", [FIVE, MODAL], ids=["Rayleigh", "modal"])
+def test_on_bearings_it_acts_on_what_stands_on_them(damping):
     """The building moves on its base as on the ground, and the base is free of it."""
     bearing = jp.LeadRubber(period=2.5, strength=0.05)
-    (base, _) = jp.on_bearings(frame(), bearing, 3e5)
-    assert (base.n_bearings, base.damping.ratio) == (1, 0.05)
-    system = jp.Buildings((base,)).system()
-    matrix = np.zeros((5, 5))
-    for rod in system.damping:
-        row = np.zeros(5)
-        for end, sign in zip(rod.ends, (1, -1), strict=True):
-            if end != jp.GROUND:
-                row[end] = sign
-        matrix += float(rod.material.coefficient) * np.outer(row, row)
-    *_, damping, _, _ = linear(frame())
-    np.testing.assert_allclose(matrix[1:, 1:], damping, rtol=1e-9, atol=1e-3)
-    np.testing.assert_allclose(matrix @ np.ones(5), 0, atol=1e-6 * damping.max())
-    tuned = jp.tuned_mass_damper(frame(), 0.02)
-    assert len(jp.Buildings((tuned,)).system().damping) == 9  # one of the tuned mass
+    (base, _) = jp.on_bearings(frame(damping), bearing, 3e5)
+    assert (base.n_bearings, base.damping) == (1, damping)
+    mass, stiffness, expected, _, _ = linear(frame())
+    expected = modal_matrix(mass, stiffness) if damping is MODAL else expected
+    matrix = damping_matrix(base)
+    np.testing.assert_allclose(matrix[1:, 1:], expected, rtol=1e-9, atol=1e-3)
+    np.testing.assert_allclose(matrix @ np.ones(5), 0, atol=1e-6 * expected.max())
+    tuned = jp.tuned_mass_damper(frame(damping), 0.02)
+    own = damping_matrix(tuned)[:4, :4] - expected
+    own[-1, -1] -= tuned.storeys[-1].dashpot
+    np.testing.assert_allclose(own, 0, atol=1e-9 * expected.max())
+
+
+def test_modes_have_the_ratios_that_are_stated():
+    modes = frame(MODAL).modes()
+    np.testing.assert_allclose(modes.damping_ratios, RATIOS, rtol=1e-9)
+    np.testing.assert_allclose(modes.frequencies, linear(frame())[3], rtol=1e-9)
+    for_all = frame(jp.model.ModalDamping(0.05))
+    np.testing.assert_allclose(for_all.modes().damping_ratios, 0.05, rtol=1e-9)
+    block = jp.ShearBuilding.from_period(1, 3e5, period=0.8, damping=jp.model.ModalDamping(0.02))
+    np.testing.assert_allclose(block.modes().damping_ratios, 0.02, rtol=1e-9)
+    heavy = frame(MODAL).with_p_delta()
+    assert heavy.modes().damping_ratios == pytest.approx(RATIOS, rel=1e-9)
+    assert float(heavy.natural_period) > float(frame().natural_period)
+    sand = jp.Soil(300.0, 1800.0, 0.3)
+    on_rock = dataclasses.replace(sand, shear_wave_velocity=1e4)
+    placed = [jp.on_soil(frame(MODAL), x, radius=8.0, footing_mass=3e5) for x in (on_rock, sand)]
+    assert placed[0].modes().damping_ratios[0] == pytest.approx(RATIOS[0], rel=1e-2)
+    assert placed[1].modes().damping_ratios[0] > 1.05 * RATIOS[0]
+
+
+def test_a_run_and_its_derivatives_have_the_ratios_of_modes():
+    """By modal superposition with SciPy; slopes by ratios and by stiffness are differences."""
+    mass, stiffness, *_ = linear(frame())
+    squares, shapes = eigh(stiffness, mass)
+    shares = shapes.T @ mass @ np.ones(4)
+
+    def roof(buildings):
+        return jp.demand(buildings, SHAKING, GRID, only=("peak_x4",)).peak_x4
+
+    def varied(change):
+        ratios = [ratio * (1 + change[0]) for ratio in RATIOS]
+        stiffnesses = [k * (1 + change[1]) for k in STIFFNESSES]
+        damping = jp.model.ModalDamping(ratios)
+        return jp.Buildings((jp.ShearBuilding.of_storeys(MASSES, stiffnesses, damping=damping),))
+
+    response = jp.simulate(varied([0.0, 0.0]), SHAKING, GRID)
+    pulse, modal = jax.jit(SHAKING.acceleration), []
+    for square, share, ratio in zip(squares, shares, RATIOS, strict=True):
+
+        def rates(t, y, square=square, share=share, ratio=ratio):
+            force = -share * jp.STANDARD_GRAVITY * float(pulse(t))
+            return [y[1], force - square * y[0] - 2 * ratio * np.sqrt(square) * y[1]]
+
+        options = {"t_eval": response.time[::20], "rtol": 1e-8, "atol": 1e-10, "max_step": 0.05}
+        modal.append(solve_ivp(rates, (0, 4.001), [0.0, 0.0], **options).y[0])
+    ours = np.stack([x.x[::20] for x in response.masses])
+    np.testing.assert_allclose(ours, shapes @ modal, rtol=0, atol=3e-3 * np.abs(ours).max())
+
+    value, slopes = jax.jit(jax.value_and_grad(lambda c: roof(varied(c))))(jnp.zeros(2))
+    assert float(value) == pytest.approx(float(response.demand.peak_x4), rel=1e-10)
+    for k, slope in enumerate(slopes):
+        ends = [float(roof(varied(s * 1e-5 * np.eye(2)[k]))) for s in (1, -1)]
+        assert float(slope) == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-5)
 
 
 def test_a_block_on_a_spring_and_a_dashpot_is_exactly_viscous():
@@ -235,18 +305,9 @@ def test_coefficients_are_those_of_a_ratio_in_runs_too():
 
 def test_the_weight_of_a_building_leaves_its_damping_as_it_is():
     heavy = frame().with_p_delta()
-    matrices = []
-    for building in (frame(), heavy):
-        rods = jp.Buildings((building,)).system().damping
-        matrices.append(sum(np.asarray(dashpot_matrix(rod)) for rod in rods))
-    np.testing.assert_allclose(matrices[1], matrices[0], rtol=1e-12)
+    matrices = [damping_matrix(building) for building in (frame(), heavy)]
+    np.testing.assert_allclose(matrices[1], matrices[0], rtol=1e-12, atol=1e-6)
     assert float(heavy.natural_period) > float(frame().natural_period)
-
-
-def dashpot_matrix(rod):
-    row = np.zeros(5)
-    row[list(rod.ends)] = 1, -1
-    return float(rod.material.coefficient) * np.outer(row, row)[:4, :4]
 
 
 def test_code_rules_know_the_damping_of_blocks():
@@ -285,8 +346,15 @@ test_faults_are_named = refusals(
     (lambda: jp.Rayleigh(0.05, modes=(0, 1)), r"modes = \(0, 1\) must be the numbers of two"),
     (
         lambda: frame(jp.Rayleigh(0.05, modes=(1, 5))),
-        r"damping.modes = \(1, 5\) must be from 1 to 4, the storeys",
+        r"damping: modes = \(1, 5\) must be from 1 to 4, the storeys",
     ),
+    (
+        lambda: frame(jp.model.ModalDamping([0.05, 0.02])),
+        "damping: ratios, 2 of them, must be 4, one for each storey above bearings, or one for all",
+    ),
+    (lambda: jp.model.ModalDamping([]), r"ratios = \(\) must hold at least one"),
+    (lambda: jp.model.ModalDamping([0.1, -0.1]), r"ratios.1 = -0.1 must be"),
+    (lambda: frame(0.05), "damping = 0.05 must be of type Rayleigh or ModalDamping or None"),
     (
         lambda: jp.Building(1e5, 1e7, order=0.5),
         "tau_f = None must be stated beside order; without all three it is a spring",

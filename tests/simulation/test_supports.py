@@ -12,6 +12,7 @@ from jaxpound.model.places import rod_places
 from jaxpound.model.topology import soil_spring
 from jaxpound.plots.contact_paths import followed_contacts
 from jaxpound.reliability.instants import series_of
+from jaxpound.results import named
 from tests.refusals import refusals
 from tests.simulation.pairs import SHAKING
 from tests.simulation.test_weights import GRID as COARSE
@@ -209,6 +210,24 @@ def test_buildings_stand_on_supports_in_si_and_results_name_them():
     assert "support_displacement_2_m" in names
     assert "support_acceleration_3_m_per_s2" in names
     assert "2–support 3, floor 1" in str(response)
+
+
+def test_the_opening_of_joints_is_that_of_their_series_and_a_named_demand():
+    """A turn between instants counts, so that it is at least that of the series, by little."""
+    system = two_decks("kelvin", True, FIRST)
+    response = jp.simulate(system, (SHAKING, (1 - MOVED) * SHAKING), GRID)
+    demand = response.demand
+    for k, (link, scalars) in enumerate(zip(response.links, demand.links, strict=True)):
+        series = float((link.gap - system.links[k].gap).max())
+        assert series <= float(scalars.peak_opening) * (1 + 1e-12) < 1.002 * series
+        assert named.value_of(system, demand, f"peak_opening_{k + 1}") > 0
+    both = [float(x.peak_opening) for x in demand.links]
+    assert float(demand.peak_opening) == max(both) > 1.5 * min(both)
+    assert "peak_opening_2" in named.limitable_demands(system)
+    assert jp.demand(two_decks("kelvin", True, G), AT_0, GRID).links[0].peak_opening is None
+    rows = series_of(system, "peak_opening_2", pounding=False)
+    np.testing.assert_array_equal([x.row for x in rows], [[0, 0, 0, 0, -1, 0, 0]])
+    assert len(series_of(system, "peak_opening", pounding=False)) == 2
 
 
 def test_a_deck_that_sticks_to_a_support_moves_as_it_does():

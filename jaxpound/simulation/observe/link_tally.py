@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxpound._extrema import larger
+from jaxpound._extrema import larger, smaller
 from jaxpound.model.system import Link
 from jaxpound.results.element_demands import LinkDemand
 from jaxpound.simulation.contact.records import APART, Contact, GapStep, is_deformed, soft_larger
@@ -94,6 +94,7 @@ class LinkTally(NamedTuple):
     distance: jax.Array  # slid until then
     work: jax.Array  # ∫ q w dt by the trapezoidal rule
     instants_since_turn: jax.Array  # since the slip velocity last vanished
+    opened: jax.Array | None  # smallest closing, where supports move apart
     softly: LogMeanExp | None  # of closing / temperature
     contact: ContactTally | None  # of a link that may touch
 
@@ -120,6 +121,10 @@ class LinkTally(NamedTuple):
         # The run's end counts only if the link slips there: in stick the largest closing was at the
         # stop before, from which the closing since differs by the error of a step.
         ends = last & (now.velocity > 0) & (now.closing > farthest)
+        opened = self.opened
+        if opened is not None:
+            opened = smaller(opened, now.closing)
+            opened = jnp.where(in_run, smaller(opened, turns.nearest), opened)
         softly = self.softly
         if softly is not None:
             softly = softly.observe(now.closing / temperature, jnp.where(time < 0, 0.0, share))
@@ -132,6 +137,7 @@ class LinkTally(NamedTuple):
             distance=distance,
             work=self.work + share * now.friction * now.velocity,
             instants_since_turn=jnp.where(changes, 0.0, self.instants_since_turn + 1),
+            opened=opened,
             softly=softly,
             contact=contact,
         )
@@ -151,6 +157,7 @@ class LinkTally(NamedTuple):
             slip_distance=distance,
             friction_work=self.work if slip_force is None else slip_force * distance,
             residual_offset=-self.closing,
+            peak_opening=None if self.opened is None else larger(-self.opened, 0.0),
             soft_min_gap=None if soft is None else gap - temperature * soft.value(),
         )
         if contact is None or end is None:

@@ -232,6 +232,7 @@ class Tally(NamedTuple):
                 distance=zero,
                 work=zero,
                 instants_since_turn=counter,
+                opened=closing if topology.n_supports else None,
                 softly=softly,
                 contact=None if link.contact is None else never,
             )
