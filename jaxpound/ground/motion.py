@@ -348,7 +348,7 @@ class SupportMotions(Sum):
     def __post_init__(self) -> None:
         super().__post_init__()
         for k, ground in enumerate(self.grounds):
-            if isinstance(ground, tuple | SupportMotions):
+            if _is_of_supports(ground):
                 raise InvalidInput(f"grounds[{k}]", repr(ground), "must be of one support")
 
     def unresolved(self, dt: float) -> list[str]:
@@ -360,6 +360,13 @@ class SupportMotions(Sum):
 
     def _of_terms(self, convert: Callable[[GroundMotion], GroundMotion]) -> SupportMotions:
         return SupportMotions(tuple(convert(ground) for ground in self._terms()))
+
+
+def _is_of_supports(ground: Any) -> bool:
+    """Whether a motion is that of each support, or a part of it is."""
+    if isinstance(ground, tuple | SupportMotions):
+        return True
+    return isinstance(ground, _Combination) and any(map(_is_of_supports, ground._terms()))
 
 
 @pytree_dataclass

@@ -236,7 +236,7 @@ class ShearBuilding:
             raise InvalidInput("damping_ratio", str(damping_ratio), rule)
         with renamed(names={"mass": "storey_mass"}):
             block = Building.from_period(masses[0], period, damping_ratio, order, tau_f)
-            frequencies, _ = normal_modes([m / masses[0] for m in masses], shares)
+            frequencies, _ = normal_modes([m / masses[0] for m in masses], [*shares])
             unit = block.stiffness / frequencies[..., 0] ** 2
             rod: dict[str, Any] = {name: getattr(block, name) for name in ROD}
             storeys = [Building(m, unit * x, **rod) for m, x in zip(masses, shares, strict=True)]

@@ -50,7 +50,9 @@ def test_delays_are_kept_in_other_units_and_by_other_samples():
     np.testing.assert_allclose(
         halved.acceleration(TIMES), WAVE.grounds[1].acceleration(TIMES) / 2, atol=1e-12
     )
-    refused(r"grounds\[0\] = .* must be of one support", jp.ground.SupportMotions, (WAVE, WAVE))
+    for wave in (WAVE, 2.0 * WAVE, RECORD + WAVE, (RECORD, RECORD)):
+        rule = r"grounds\[1\] = .* must be of one support"
+        refused(rule, jp.ground.SupportMotions, (RECORD, wave))
 
 
 @pytest.mark.parametrize("gravity", [None, 9.81])
