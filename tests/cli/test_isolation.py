@@ -138,6 +138,8 @@ def test_a_file_is_the_library_s_buildings_and_is_written_back(form):
 def test_damping_has_keys_and_a_file_s_faults_are_named():
     keys = Parameters(layout_of(FORMS["rayleigh"][0])).keys
     assert keys["building.1.damping.rayleigh"] == ["buildings.0.damping.ratio"]
+    keys = Parameters(layout_of(FORMS["modal"][0])).keys
+    assert keys["building.1.damping.modal.2"] == ["buildings.0.damping.ratios.1"]
     assert Parameters(layout_of(FORMS["dashpots"][0])).keys["building.1.storey.3.dashpot"]
     faults = {
         "damping = {rayleigh = 1.5}": "rayleigh = 1.5 must be between 0 and 1",
