@@ -36,6 +36,10 @@ MOST_RATIO = 100.0
 SLIP = 1e-3, 10.0
 """Plausible slip force: least over the lightest floor's weight, most over the whole weight."""
 
+LEAST_FOOTING = 9e-4
+"""Least plausible mass of a footing over those on it: that of a floor and more is usual, a thousandth
+stands for a massless one, and one in t beside floors in kg has less."""
+
 USUAL_PERIOD = Range(0.05, 10, "s", "models on shaking tables and the tallest towers")
 
 LEAST_MASS, MODEL_PERIOD = 9e3, 0.25
@@ -90,6 +94,7 @@ def doubts(buildings: Buildings) -> list[str]:
     findings = [
         *floors.doubts(),
         *_undamped(buildings),
+        *_light_footing(buildings),
         *_first(floors.strengths),
         *_first(slips),
         *_first(contacts),
@@ -107,6 +112,21 @@ def _undamped(buildings: Buildings) -> list[str]:
             return [
                 f"building {number} has no damping: damping=jp.Rayleigh(0.05), or order, tau_f and "
                 "tau_x of its rods, give it some; Rayleigh(0.0) says that there is none"
+            ]
+    return []
+
+
+def _light_footing(buildings: Buildings) -> list[str]:
+    """A finding for the first footing that is far lighter than what stands on it."""
+    for number, building in enumerate(buildings.buildings, 1):
+        if (footing := getattr(building, "footing", None)) is None:
+            continue
+        above: Any = building
+        least = LEAST_FOOTING * sum(storey.mass for storey in above.storeys)
+        if footing.mass < least:
+            return [
+                f"the footing of building {number} has a mass of {footing.mass:.4g} kg, "
+                f"should be at least {least:.4g} kg: that of a floor and more is usual"
             ]
     return []
 

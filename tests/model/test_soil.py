@@ -336,6 +336,14 @@ def test_a_block_rocks_by_its_height():
     assert on_soil.modes(0).periods[0] == pytest.approx(PERIOD, abs=1e-5)
 
 
+def test_a_footing_in_tonnes_is_told_of():
+    frame = jp.ShearBuilding.from_period(3, 300e3, 0.4, 0.05)
+    light = jp.on_soil(frame, jp.Soil(200.0, 1800.0, 0.3), radius=6.0, footing_mass=200.0)
+    message = "the footing of building 1 has a mass of 200 kg, should be at least 810 kg"
+    with pytest.warns(jp.PlausibilityWarning, match=message):
+        jp.Buildings((light,))
+
+
 def test_plausible_footings_are_no_floors():
     """Contact between them is not judged by a storey, nor masses in t by that of a footing."""
     law = jp.KelvinVoigt(2e9, 0.65)
