@@ -37,8 +37,8 @@ SLIP = 1e-3, 10.0
 """Plausible slip force: least over the lightest floor's weight, most over the whole weight."""
 
 LEAST_FOOTING = 9e-4
-"""Least plausible mass of a footing over those on it: that of a floor and more is usual, a thousandth
-stands for a massless one, and one in t beside floors in kg has less."""
+"""Least plausible mass of a footing over those on it: that of a floor and more is usual, and a
+thousandth stands for a massless one; one in t beside floors in kg has less."""
 
 USUAL_PERIOD = Range(0.05, 10, "s", "models on shaking tables and the tallest towers")
 
