@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import jax.numpy as jnp
+import numpy as np
 
 from jaxpound._checks import Rule, as_tuple, enforce, finite, is_traced, number
 from jaxpound._errors import InvalidInput
@@ -120,4 +120,4 @@ def _counts(ground: GroundLike) -> set[int]:
 
 
 def _is_zero(delay: Any) -> bool:
-    return not is_traced(delay) and bool(jnp.all(delay == 0))
+    return not is_traced(delay) and bool(np.all(np.asarray(delay) == 0))

@@ -1,5 +1,6 @@
 """Motions of supports: waves that travel, and sums and scalings of each."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -70,7 +71,7 @@ def test_a_run_takes_each_motion_in_its_units(gravity):
     )
 
 
-def test_a_random_motion_travels_with_a_random_velocity():
+def test_a_random_motion_travels_with_a_random_velocity_and_a_known_velocity():
     pulse = jp.scenarios.RandomPulse(jp.LogNormal(0.3, 0.2), 1.0, 2.0, time_unit="s")
     random = 2 * jp.travelling(pulse, jp.LogNormal(400.0, 0.3), DISTANCES)
     assert random.dimension == 2
@@ -80,5 +81,8 @@ def test_a_random_motion_travels_with_a_random_velocity():
     own = pulse.draw(z[:1])
     late = at_support(drawn, 1).acceleration(TIMES + DISTANCES[1] / velocity)
     np.testing.assert_allclose(late, 2 * own.acceleration(TIMES), atol=1e-9)
+    known = jp.travelling(pulse, 400.0, DISTANCES)  # within a program, as studies draw it
+    late = jax.jit(lambda z: at_support(known.draw(z), 1).acceleration(TIMES + 0.25))(z[:1])
+    np.testing.assert_allclose(late, own.acceleration(TIMES), atol=1e-9)
     refused("; a tuple has the motion of each support", jp.travelling, [RECORD], 1.0, (0.0,))
     refused("velocity = -1 must be positive", jp.travelling, pulse, -1.0, DISTANCES)
