@@ -120,7 +120,8 @@ def unseen(ground: GroundLike, grid: TimeGrid, *, strict: bool = False) -> list[
     if is_traced(ground):
         return []
     earlier = [x for record in records_in(ground) for x in getattr(record, "doubts", ())]
-    return [*as_motion(ground).unresolved(grid.dt), *_late(ground, grid), *strict * earlier]
+    findings = [*as_motion(ground).unresolved(grid.dt), *_late(ground, grid), *strict * earlier]
+    return [*dict.fromkeys(findings)]  # a record that travels has its doubts at each support
 
 
 def _late(ground: GroundLike, grid: TimeGrid) -> list[str]:

@@ -33,7 +33,7 @@ def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> A
     ----------
     ground
         The motion u where the wave comes from: a record, a wavelet, a function of t, or a random
-        motion, of which each draw travels.
+        motion, of which each draw travels. ``Analysis`` has the records of a suite travel.
     velocity
         Apparent velocity v > 0 along the distances, in m/s beside buildings: 200 to 2,000 m/s. The
         apparent velocity is that of the ground's waves over the sine of their angle of incidence;

@@ -19,7 +19,16 @@ import numpy as np
 from jaxtyping import Float
 from tqdm.auto import tqdm
 
-from jaxpound._checks import Rule, array, enforce, instance, number, positive, require_memory
+from jaxpound._checks import (
+    Rule,
+    array,
+    enforce,
+    instance,
+    is_traced,
+    number,
+    positive,
+    require_memory,
+)
 from jaxpound._errors import InvalidInput, caller, renamed, warn
 from jaxpound._xla.batches import in_chunks, runs_at_a_time
 from jaxpound.buildings import Buildings
@@ -31,6 +40,7 @@ from jaxpound.ground.record import Record, derived, stacked
 from jaxpound.ground.run_input import require_time_unit
 from jaxpound.ground.sequences import sequence
 from jaxpound.ground.suite import RecordSuite, as_suite
+from jaxpound.ground.supports import travelling
 from jaxpound.model.system import common_gap, without_contact
 from jaxpound.results import named
 from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
@@ -77,6 +87,11 @@ class Analysis:
         them, s, as of ``jp.sequence``. The factor and the intensity are those of the
         aftershock alone; the demand is that of both, and the threshold one that the mainshock alone
         does not reach. By default there is no mainshock.
+    velocity, distances
+        Of the wave as which each record travels along the supports of ``structures``, as of
+        ``jp.travelling``: apparent velocity, m/s, and the distance of each support, m. The
+        intensity is that of the record itself. A mainshock travels if ``jp.travelling`` makes it
+        so; else it moves all supports alike, as by default records do.
     threshold
         A record reaches it if the demand is at least as large; in SI units. None, for the required
         gap only, is pounding: the gap at rest of all links. Where they differ, the demand is the
@@ -94,6 +109,8 @@ class Analysis:
     threshold: float | None = None
     mainshock: GroundLike | None = None
     rest: float | None = None
+    velocity: float | None = None
+    distances: Sequence[float] | None = None
     scheme: Scheme = Scheme()
     strict: bool = False
 
@@ -117,7 +134,7 @@ class Analysis:
         if self.mainshock is not None:
             doubts += unseen(self.mainshock, grid, strict=self.strict)
         for record in self.suite:
-            doubts += unseen(self.after_mainshock(record, 0.0), grid, strict=self.strict)
+            doubts += unseen(self.shaking(record, 0.0), grid, strict=self.strict)
         warn(doubts, self.strict)
         require_memory("records", n, n * grid.n_steps * 16)
         jax.eval_shape(self.value, 0, 1.0)
@@ -145,13 +162,16 @@ class Analysis:
         if self.grid is not None:
             instance("grid", self.grid, TimeGrid)
             return self.grid
+        if is_traced((self.velocity, self.distances)):
+            rule = "must be a TimeGrid where velocity or distances are traced"
+            raise InvalidInput("grid", "None", rule)
         finest = min(self.suite, key=lambda record: float(record.dt))
         longest = max(self.suite, key=lambda record: float(record.duration))
         names = f"with {finest.name!r}, the finest, and {longest.name!r}, the longest,"
         options: Any = {"strict": self.strict, "place": f"records: {names}"}
         records = [*self.suite]
-        if self.mainshock is not None:
-            whole: Any = self.after_mainshock(longest)
+        whole: Any = self.shaking(longest)
+        if whole is not longest:
             options["duration"] = whole.duration
             records += [part for part in whole.parts() if isinstance(part, Record)]
         return record_grid(self.run_structures, self.scheme, records, **options)
@@ -209,12 +229,23 @@ class Analysis:
         scaled_up = f"records: {self.suite.names[i]!r} times {factors[i]:.4g} has a PGA of"
         return [f"{scaled_up} {peaks[i]:.4g} g; it should be at most {LARGE_PGA:.0f} g"]
 
-    def after_mainshock(self, ground: GroundMotion, scale: float = 1.0) -> GroundMotion:
-        """A ground motion after the mainshock times a factor, or alone if there is none."""
+    def shaking(self, ground: GroundMotion, scale: float = 1.0) -> GroundMotion:
+        """A ground motion as it reaches the supports, after the mainshock, if any, times a factor.
+
+        Of a wave it is the motion of each support.
+        """
+        if self._wave:
+            ground = travelling(ground, **self._wave)
         if self.mainshock is None:
             return ground
         with renamed(names={"grounds[0]": "mainshock"}):
             return sequence((Scaled(self.mainshock, scale), ground), self.rest)
+
+    @property
+    def _wave(self) -> dict[str, Any]:
+        """Velocity and distances of a wave; empty if there is none."""
+        wave = {"velocity": self.velocity, "distances": self.distances}
+        return {} if self.velocity is None and self.distances is None else wave
 
     @cached_property
     def run_structures(self) -> Any:
@@ -226,7 +257,7 @@ class Analysis:
         """The demand of a record, by its number, times a factor; traceable."""
         # Padded with zeros: the ground is at rest after a record.
         samples, interval = (jnp.asarray(x)[record] for x in stacked([*self.suite]))
-        ground = self.after_mainshock(factor * Record(samples, interval))
+        ground = self.shaking(factor * Record(samples, interval))
         result = demand(self.run_structures, ground, self.time_grid, self.scheme)
         spec = self.event[0] if isinstance(self.demand, str) else self.demand
         return named.value_of(self.run_structures.system(), result, spec)
@@ -282,6 +313,7 @@ class SuiteRuns:
             search = "runs of a suite", _COLUMNS, _ROWS, program_digest(analysis.value, 0, 1.0)
             inputs: Any = {"demand": analysis.event[0], "records": stacked([*analysis.suite])}
             inputs |= {"structures": analysis.run_structures, "grid": analysis.time_grid}
+            inputs |= analysis._wave
             if analysis.mainshock is not None:
                 inputs |= {"mainshock": analysis.mainshock, "rest": analysis.rest}
             self._log = RunLog(store, identity(*search, **inputs, scheme=analysis.scheme))
