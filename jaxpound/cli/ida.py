@@ -14,7 +14,7 @@ from jaxpound._errors import InvalidInput
 from jaxpound.cli.files import VERSION, csv_text, make_folder, of_fragility, sentence, write_report
 from jaxpound.cli.reading import Count, File, Form, Range, Section, between, named, refused, says
 from jaxpound.cli.structures import Structured
-from jaxpound.cli.tables import SampleInterval
+from jaxpound.cli.tables import SampleInterval, WaveSection
 from jaxpound.hazard.ida import FRACTILES
 from jaxpound.results.named import demand_in_words, threshold_range
 from jaxpound.simulation.time_steps import natural_periods, record_grid
@@ -76,6 +76,7 @@ class IdaConfig(Structured, kw_only=True):
     suite: SuiteTable
     target: TargetTable | None = None
     ida: LadderTable
+    wave: WaveSection | None = None
 
 
 def run(args: argparse.Namespace) -> None:
@@ -142,7 +143,10 @@ def analysed(
 ) -> jp.hazard.IncrementalDynamicAnalysis:
     """The analysis of the buildings under these records."""
     ladder, run, buildings = config.ida, config.run, config.buildings
-    options = run.scheme, [*suite], run.duration, run.dt
+    wave = {} if config.wave is None else config.wave.stated()
+    shaking: list[Any] = [jp.travelling(x, **wave) for x in suite] if wave else [*suite]
+    parts = [part for ground in shaking for part in ground.parts()]
+    options = run.scheme, parts, run.duration, run.dt
     grid = record_grid(buildings, *options, place=f"{file.name}: [run]")
     period = ladder.period or max(natural_periods(buildings))
     with named(f"{file.name}: [ida]"):
@@ -153,6 +157,7 @@ def analysed(
             measure="pga" if ladder.measure == "pga" else period,
             demand=ladder.demand,
             threshold=ladder.threshold,
+            **wave,
             scheme=run.scheme,
             strict=strict,
         )

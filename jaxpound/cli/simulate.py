@@ -23,9 +23,9 @@ from jaxpound.cli.files import (
     table_of,
     write_files,
 )
-from jaxpound.cli.reading import File, Section, between, each, named
+from jaxpound.cli.reading import File, Section, between, named
 from jaxpound.cli.structures import Structured
-from jaxpound.cli.tables import FACTOR_ON_RECORD
+from jaxpound.cli.tables import FACTOR_ON_RECORD, WaveSection
 from jaxpound.ground.plausibility import OFFSET
 from jaxpound.ground.reader import require_possible
 from jaxpound.model.places import link_places
@@ -35,7 +35,6 @@ from jaxpound.results.element_demands import RodDemand
 from jaxpound.results.impacts import ImpactSeries
 from jaxpound.simulation.time_steps import record_grid
 
-_Distance = Annotated[float, between(0, 1e5, "m", "from where the wave comes from")]
 _Pga = Annotated[float, between(1e-6, MOST_PGA, "g", "several times the largest ever recorded")]
 
 
@@ -51,16 +50,6 @@ class RecordSection(Section):
             raise ValueError("must have scale or pga, not both")
         if self.scale == 0:
             raise ValueError("scale = 0 must not be 0: nothing would shake")
-
-
-class WaveSection(Section):
-    """A wave that travels along supports: its velocity, and the distance of each support."""
-
-    velocity: Annotated[float, between(1, 1e5, "m/s", "200 to 2,000 m/s is usual")]
-    distances: Annotated[list[_Distance], each(_Distance)]
-
-    def __len__(self) -> int:
-        return len(self.distances)
 
 
 class Output(Section):
@@ -154,7 +143,7 @@ def respond(
     run, buildings = configuration.run, configuration.buildings
     ground: Any = record
     if (wave := configuration.wave) is not None:
-        ground = jp.travelling(record, wave.velocity, wave.distances)
+        ground = jp.travelling(record, **wave.stated())
     options = run.scheme, [*ground.parts()], run.duration, run.dt, strict
     grid = record_grid(buildings, *options, place=f"{file.name}: [run]")
     with named(f"{file.name}:"):
