@@ -39,7 +39,7 @@ from jaxpound.model.building import DAMPING, PERIOD, ROD
 from jaxpound.model.parameters import get, paths
 from jaxpound.model.places import support_place
 from jaxpound.model.row import LinkLabels, by_face, require_floors, require_heights
-from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER, n_ends, storeys_of
+from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER
 from jaxpound.model.system import is_closable
 
 _MOST = 1000  # buildings or floors: more are a typing error
@@ -370,7 +370,7 @@ class BuildingsLayout(NamedTuple):
             for n, link in by_table
         ]
         labels = LinkLabels(names.__getitem__, " ", first=1)
-        require_floors(list(map(n_ends, models)), floor_links, labels)
+        require_floors([model.n_ends for model in models], floor_links, labels)
         require_heights(models, floor_links, labels)
         bearings = tuple(building.isolation for building in buildings)
         supports = tuple((building.support or 1) - 1 for building in buildings)
@@ -399,7 +399,7 @@ def as_toml(buildings: jp.Buildings) -> str:
     """
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
     for number, building in enumerate(buildings.buildings):
-        storeys = storeys_of(building)
+        storeys = building.storeys
         springs = [storey.order is None for storey in storeys]
         keys = ("mass", "stiffness") if all(springs) else _BY_ROD.needed
         series = {plural.get(key, key): [getattr(x, key) for x in storeys] for key in keys}
@@ -410,9 +410,7 @@ def as_toml(buildings: jp.Buildings) -> str:
             series["dashpots"] = [storey.dashpot or 0.0 for storey in storeys]
         if isinstance(building, jp.ShearBuilding):
             series["heights"] = [*building.heights]
-        counts = {x: getattr(building, x, 0) for x in ("n_tuned", "n_bearings")}
-        yields = _lists(keys_of(storeys[: len(storeys) - counts["n_tuned"]]))
-        footing = getattr(building, "footing", None)
+        yields, footing = _lists(keys_of(storeys[: building.n_floors])), building.footing
         soil = [f"{x} = {_written(get(footing, path))}" for x, path in soil_keys(footing).items()]
         yields += [f"soil = {{{', '.join(soil)}}}"] if soil else []
         stands_on = [f"support = {buildings.supports[number] + 1}"] if buildings.supports else []
@@ -420,8 +418,8 @@ def as_toml(buildings: jp.Buildings) -> str:
         damping = getattr(building, "damping", None)
         if damping is not None or (all(springs) and "dashpots" not in series):
             lines.append(f"damping = {{{', '.join(_damping(damping))}}}")
-        lines += [f"tuned_masses = {n}  # the last of these"] if (n := counts["n_tuned"]) else []
-        lines += [f"bearings = {n}  # the first of these"] if (n := counts["n_bearings"]) else []
+        lines += [f"tuned_masses = {n}  # the last of these"] if (n := building.n_tuned) else []
+        lines += [f"bearings = {n}  # the first of these"] if (n := building.n_bearings) else []
         lines.append("")
     for link in buildings.links:
         lines += ["[[link]]", f"building = {link.building + 1}", f"floor = {link.floor + 1}"]

@@ -68,6 +68,8 @@ class Building(BatchInSI):
     tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION, optional=True, default=None)
     hysteresis: Any = part(HysteresisLaw, NoneType, traced=True, default=None)
     dashpot: Any = like(Dashpot, "coefficient", COEFFICIENT, optional=True, default=None)
+    n_floors, n_ends, n_tuned, n_bearings = 1, 1, 0, 0  # as a ``ShearBuilding`` has them
+    footing = None
 
     def __post_init__(self) -> None:
         stated = [name for name in ROD if getattr(self, name) is not None]
@@ -154,6 +156,11 @@ class Building(BatchInSI):
         below = (1 + tau_f * c) ** 2 + (tau_f * s) ** 2
         storage = (1 + (tau_x + tau_f) * c + tau_x * tau_f * size**2) / below
         return cls(mass, mass * omega**2 / storage, order, tau_f, tau_x)
+
+    @property
+    def storeys(self) -> tuple[Building, ...]:
+        """Its only storey, the building itself."""
+        return (self,)
 
     def zener(self, frequency: Any = 1.0) -> ZenerRod:
         """The fractional rod with relaxation times in units of 1/frequency^order; rad/s."""

@@ -377,6 +377,11 @@ class ShearBuilding:
         return len(self.storeys) - self.n_tuned
 
     @property
+    def n_ends(self) -> int:
+        """Number of masses that links may join: floors, tuned masses and a footing."""
+        return len(self.storeys) + (self.footing is not None)
+
+    @property
     def elevations(self) -> np.ndarray:
         """Height of each floor above the ground, m, shape (n_floors,)."""
         return np.cumsum(self.heights)[: self.n_floors]
@@ -422,11 +427,11 @@ def in_units(
     building: Building | ShearBuilding, mass: Any, stiffness: Any, frequency: Any, length: Any = 1.0
 ) -> Storeys:
     """A building in SI in units of a mass, kg, stiffness, N/m, frequency, rad/s, and length, m."""
-    storeys = storeys_of(building)
+    storeys = building.storeys
     numbers = [(s.material(frequency, length), s.stiffness / stiffness) for s in storeys]
     rods = (unchecked(Rod, material=law, stiffness=k, ends=None) for law, k in numbers)
     parts: dict[str, Any] = {"masses": tuple(s.mass / mass for s in storeys), "rods": tuple(rods)}
-    parts["n_tuned"], dashpots = getattr(building, "n_tuned", 0), _dashpots(building)
+    parts["n_tuned"], dashpots = building.n_tuned, _dashpots(building)
     if isinstance(building, ShearBuilding) and (footing := building.footing) is not None:
         parts["heights"], n = building.heights, len(storeys)
         parts["masses"] += footing.mass / mass, footing.rotational_inertia / mass  # of 1 m
@@ -443,16 +448,6 @@ def in_units(
     return unchecked(Storeys, **parts, damping=tuple(damping))
 
 
-def storeys_of(building: Building | ShearBuilding) -> tuple[Building, ...]:
-    """The storeys of a building, tuned masses too; a ``Building`` is its only storey."""
-    return (building,) if isinstance(building, Building) else building.storeys
-
-
-def n_ends(building: Building | ShearBuilding) -> int:
-    """Number of masses of a building that links may join: floors, tuned masses and a footing."""
-    return len(storeys_of(building)) + (getattr(building, "footing", None) is not None)
-
-
 def _first_that_vibrates(modes: Modes) -> tuple[float, float]:
     """Period and damping ratio of the first mode that is not overdamped."""
     if modes.overdamped.all():
@@ -465,7 +460,7 @@ def _dashpots(building: Building | ShearBuilding) -> list[tuple[Ends, Any]]:
     """Ends by floor, from 0, and coefficient, N s/m, of the dashpots in a building."""
     dashpots = [
         (storey_ends(i), storey.dashpot)
-        for i, storey in enumerate(storeys_of(building))
+        for i, storey in enumerate(building.storeys)
         if storey.dashpot is not None
     ]
     if isinstance(building, ShearBuilding) and building.damping is not None:
