@@ -7,7 +7,7 @@ compares numbers with each other, floor by floor. It skips traced numbers and ba
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -80,27 +80,20 @@ def doubts(buildings: Buildings) -> list[str]:
     system = buildings.system()
     if (floors := _Floors.of(buildings, system)) is None:
         return []
-    links = [*zip(link_places(system.topology), system.links, strict=True)]
+    places = [f"link {place}" for place in link_places(system.topology)]
+    links = [*zip(places, system.links, strict=True)]
     soil = on_soil(system.topology)  # no storey of its own says how footings move
     between_floors = [x for x in links if not soil & {*_two_masses(x[1].ends)}]
-    slips, contacts, widths = (
-        [finding_in(f"link {place}", link, floors) for place, link in judged]
-        for finding_in, judged in (
-            (_slip, links),
-            (_touching, between_floors),
-            (_width, between_floors),
-        )
-    )
     findings = [
         *floors.doubts(),
         *_undamped(buildings),
         *_light_footing(buildings),
         *_first(floors.strengths),
-        *_first(slips),
-        *_first(contacts),
+        *_first(_slip(*x, floors) for x in links),
+        *_first(_touching(*x, floors) for x in between_floors),
     ]
     # The size of masses is for those in which nothing else asks for their unit.
-    return (findings or floors.size()) + _first(widths)
+    return (findings or floors.size()) + _first(_width(*x, floors) for x in between_floors)
 
 
 def _undamped(buildings: Buildings) -> list[str]:
@@ -296,6 +289,6 @@ def _two_masses(ends: AnyEnds) -> list[int]:
     return [end for end in two_ends(ends) if end > GROUND]
 
 
-def _first(findings: list[str]) -> list[str]:
+def _first(findings: Iterable[str]) -> list[str]:
     """The first finding that is not empty; links often repeat the same one."""
     return list(filter(None, findings))[:1]
