@@ -7,7 +7,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxpound._checks import Rule, as_tuple, enforce, finite, is_traced, number
+from jaxpound._checks import Rule, as_tuple, enforce, is_traced, not_negative, number
 from jaxpound._errors import InvalidInput
 from jaxpound.ground.motion import (
     GroundLike,
@@ -57,9 +57,8 @@ def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> A
         return travels(velocity, distances)
     velocity = number("velocity", velocity)
     enforce([Rule("velocity", velocity, velocity > 0, "positive")])
-    for k, x in enumerate(distances):
-        distance = number(name := f"distances[{k}]", x)
-        enforce([Rule(name, distance, (distance >= 0) & finite(distance), "finite and ≥ 0")])
+    named = {f"distances[{k}]": x for k, x in enumerate(distances)}
+    not_negative(**{name: number(name, x) for name, x in named.items()})
     require_ground("ground", ground)
     if n_supports(ground):
         raise InvalidInput("ground", repr(ground), "must be one motion, not that of each support")
