@@ -64,9 +64,9 @@ def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> A
         raise InvalidInput("ground", repr(ground), "must be one motion, not that of each support")
     motion = as_motion(ground)
     delays = [distance / velocity for distance in distances]
-    return SupportMotions(
-        tuple(ground if _is_zero(delay) else motion._later(delay) for delay in delays)
-    )
+    at_once = [not is_traced(delay) and bool(jnp.all(delay == 0)) for delay in delays]
+    pairs = zip(delays, at_once, strict=True)
+    return SupportMotions(tuple(ground if now else motion._later(t) for t, now in pairs))
 
 
 def at_support(ground: GroundLike, number: int) -> Any:
@@ -116,7 +116,3 @@ def _counts(ground: GroundLike) -> set[int]:
     terms = ground.grounds if isinstance(ground, Sum) else ()
     terms = (ground.ground,) if isinstance(ground, Scaled) else terms
     return {count for term in terms for count in _counts(term)}
-
-
-def _is_zero(delay: Any) -> bool:
-    return not is_traced(delay) and bool(jnp.all(delay == 0))
