@@ -429,22 +429,21 @@ def in_units(
     """A building in SI in units of a mass, kg, stiffness, N/m, frequency, rad/s, and length, m."""
     storeys = building.storeys
     numbers = [(s.material(frequency, length), s.stiffness / stiffness) for s in storeys]
-    rods = (unchecked(Rod, material=law, stiffness=k, ends=None) for law, k in numbers)
-    parts: dict[str, Any] = {"masses": tuple(s.mass / mass for s in storeys), "rods": tuple(rods)}
-    parts["n_tuned"], dashpots = building.n_tuned, _dashpots(building)
+    masses, dashpots = [s.mass / mass for s in storeys], _dashpots(building)
+    parts: dict[str, Any] = {"n_tuned": building.n_tuned}
     if isinstance(building, ShearBuilding) and (footing := building.footing) is not None:
         parts["heights"], n = building.heights, len(storeys)
-        parts["masses"] += footing.mass / mass, footing.rotational_inertia / mass  # of 1 m
+        masses += [footing.mass / mass, footing.rotational_inertia / mass]  # of 1 m
         springs = footing.sway_stiffness / stiffness, footing.rocking_stiffness / stiffness
-        parts["rods"] += tuple(
-            unchecked(Rod, material=Spring(), stiffness=k, ends=None) for k in springs
-        )
+        numbers += [(Spring(), k) for k in springs]
         radiation = footing.sway_damping, footing.rocking_damping
         dashpots += [((n + x, GROUND), c) for x, c in enumerate(radiation)]
+    rods = (unchecked(Rod, material=law, stiffness=k, ends=None) for law, k in numbers)
+    parts |= {"masses": tuple(masses), "rods": tuple(rods)}
     undamped = unchecked(Storeys, **parts, damping=())
     materials = [unchecked(MatrixDashpot, coefficient=c / (mass * frequency)) for _, c in dashpots]
-    ends = [undamped.between(*ends) for ends, _ in dashpots]
-    damping = (unchecked(Rod, material=x, **y) for x, y in zip(materials, ends, strict=True))
+    pairs = zip(materials, dashpots, strict=True)
+    damping = (unchecked(Rod, material=x, **undamped.between(*ends)) for x, (ends, _) in pairs)
     return unchecked(Storeys, **parts, damping=tuple(damping))
 
 
