@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import NoneType
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -307,30 +307,22 @@ class LinkSection(Section):
 
     def links(self, buildings: Sequence[jp.ShearBuilding]) -> list[jp.FloorLink]:
         """The library's ``FloorLink``, of each floor and face."""
-        floors: Iterable[Any]  # building b, floor i, next floor j, next building and column
-        column: Any = self.column and self.column.model()
+        between: Any = {key: x.model() for key, x in self.stated().items() if key in LAWS}
+        between |= {"friction": self.friction_force or 0.0, "gap": of_faces(self.gap)}
+        between["side"] = self.side or "right"
         if self.floors == "common":
             left, last = None if self.building is None else self.building - 1, len(buildings) - 1
             if left is not None and not left < last:
                 rule = f"must be from 1 to {last}, with another building to the right"
                 raise refused("building", rule, str(self.building))
-            gap = of_faces(self.gap)
-            common = jp.floor_links(buildings, gap=gap, building=left, columns=column)
-            floors = [(x.building, x.floor, x.next_floor, None, x.column) for x in common]
-        else:
-            stated: Any = self  # with a building, and one floor or several
-            other = _end_of(self.next_building)
-            next_floor = None if self.next_floor is None else self.next_floor - 1
-            numbers = stated.floors or [stated.floor]
-            floors = [(stated.building - 1, i - 1, next_floor, other, column) for i in numbers]
-        between: Any = {key: x.model() for key, x in self.stated().items() if key in LAWS}
-        between |= {"friction": self.friction_force or 0.0, "gap": of_faces(self.gap)}
-        between["side"] = self.side or "right"
-        links = []
-        for b, i, j, other, column in floors:
-            ends = {"next_floor": j, "next_building": other, "column": column}
-            links.append(jp.FloorLink(b, i, **(between | ends)))
-        return [*by_face(links)]
+            columns = between.pop("column", None)
+            common = jp.floor_links(buildings, gap=between["gap"], building=left, columns=columns)
+            return [*by_face([dataclasses.replace(link, **between) for link in common])]
+        stated: Any = self  # with a building, and one floor or several
+        next_floor = None if self.next_floor is None else self.next_floor - 1
+        between |= {"next_floor": next_floor, "next_building": _end_of(self.next_building)}
+        floors = stated.floors or [stated.floor]
+        return [*by_face([jp.FloorLink(stated.building - 1, i - 1, **between) for i in floors])]
 
 
 def _end_of(next_building: int | str | None) -> int | None:
