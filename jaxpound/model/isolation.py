@@ -252,8 +252,8 @@ def on_bearings(
     with renamed(names={"mass": "base_mass", "heights.0": "height"}):
         base = bearing.storey(base_mass, weight, gravity)
         storeys, heights = (base, *above.storeys), (height, *above.heights)
-        counts = above.n_tuned, above.damping, above.n_bearings + 1
-        on_bearings = ShearBuilding(storeys, heights, *counts)
+        n = above.n_bearings + 1
+        on_bearings = replace(above, storeys=storeys, heights=heights, n_bearings=n)
     between = bearing.between(weight)
     link = wall.link if wall else partial(FloorLink, floor=0, next_building=GROUND)
     higher = [
