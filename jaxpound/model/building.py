@@ -63,11 +63,11 @@ class Building(BatchInSI):
 
     mass: Any = parameter("m", words="mass", above=0, within=_MASS)
     stiffness: Any = parameter("k", words="stiffness", above=0, within=_STIFFNESS)
-    order: Any = like(ZenerRod, "order", _ORDER, optional=True, default=None)
-    tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION, optional=True, default=None)
-    tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION, optional=True, default=None)
+    order: Any = like(ZenerRod, "order", _ORDER, default=None)
+    tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION, default=None)
+    tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION, default=None)
     hysteresis: Any = part(HysteresisLaw, NoneType, traced=True, default=None)
-    dashpot: Any = like(Dashpot, "coefficient", COEFFICIENT, optional=True, default=None)
+    dashpot: Any = like(Dashpot, "coefficient", COEFFICIENT, default=None)
     n_floors, n_ends, n_tuned, n_bearings = 1, 1, 0, 0  # as a ``ShearBuilding`` has them
     footing = None
 

@@ -62,10 +62,8 @@ class FrictionPendulum(BatchInSI):
 
     radius: Any = parameter("R", above=0, within=_RADIUS)
     friction: Any = parameter(r"\mu", least=0, within=_FRICTION)
-    fast_friction: Any = parameter(
-        r"\mu_f", least="friction", within=_FRICTION, optional=True, default=None
-    )
-    rate: Any = parameter("a", above=0, within=RATE, optional=True, default=None)
+    fast_friction: Any = parameter(r"\mu_f", least="friction", within=_FRICTION, default=None)
+    rate: Any = parameter("a", above=0, within=RATE, default=None)
     ultimate_displacement: Any = parameter("e_u", above=0, finite=False, default=np.inf)
 
     def __post_init__(self) -> None:

@@ -102,13 +102,11 @@ class Footing(BatchInSI):
 
     soil: Soil = part(Soil)
     mass: Any = parameter("m_f", above=0, within=_MASS, why=_MASSLESS)
-    radius: Any = parameter("r", above=0, within=_SIZE, optional=True, default=None)
-    length: Any = parameter("L", above=0, within=_SIZE, optional=True, default=None)
-    width: Any = parameter("B", above=0, within=_SIZE, optional=True, default=None)
-    embedment: Any = parameter("D", least=0, within=_DEPTH, optional=True, default=None)
-    inertia: Any = parameter(
-        "I_f", above=0, within=_INERTIA, optional=True, default=None, why=_MASSLESS
-    )
+    radius: Any = parameter("r", above=0, within=_SIZE, default=None)
+    length: Any = parameter("L", above=0, within=_SIZE, default=None)
+    width: Any = parameter("B", above=0, within=_SIZE, default=None)
+    embedment: Any = parameter("D", least=0, within=_DEPTH, default=None)
+    inertia: Any = parameter("I_f", above=0, within=_INERTIA, default=None, why=_MASSLESS)
 
     def __post_init__(self) -> None:
         for name in ("length", "width"):

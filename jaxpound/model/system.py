@@ -66,7 +66,7 @@ class Rod:
     material: Any = part(
         ZenerRod, Spring, YieldingZener, PowerLaw, Dashpot, HysteresisLaw, traced=True
     )
-    stiffness: Any = parameter("K", "stiffness", "stiffness", above=0, optional=True, default=None)
+    stiffness: Any = parameter("K", "stiffness", "stiffness", above=0, default=None)
     ends: AnyEnds | None = static(default=None)
     weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
 

@@ -50,7 +50,7 @@ class EventSearch(Checked):
 
     method: str = "auto"
     start: RareEvent | None = part(RareEvent, NoneType, default=None)
-    max_runs: int | None = parameter(whole=True, optional=True, default=None)
+    max_runs: int | None = parameter(whole=True, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -59,7 +59,7 @@ class Storage(Checked):
     """
 
     folder: str | PathLike[str] | None = part(str, PathLike, NoneType, default=None)
-    chunk_size: int | None = parameter(whole=True, optional=True, default=None)
+    chunk_size: int | None = parameter(whole=True, default=None)
     measures: Mapping[str, Callable[[Any, Any], Any]] = part(Mapping, default_factory=dict)
     keep_parameters: bool = False
     keep_failures: bool = False
