@@ -172,10 +172,12 @@ def part(
 ) -> Any:
     """A field that holds an object of one of the kinds, or without kinds a pytree of objects.
 
-    A kind may be a protocol; ``NoneType`` makes the part optional. ``each`` makes it a tuple of
+    A kind may be a protocol; the default None makes the part optional. ``each`` makes it a tuple of
     such objects, or of a list of them. ``traced`` refuses user-defined objects that are no pytrees.
     ``listed`` is as of a label.
     """
+    if kinds and kwargs.get("default", kinds) is None:
+        kinds = *kinds, NoneType
     metadata = {_ROLE: "part", "kinds": kinds, "each": each, "traced": traced, "listed": listed}
     return dataclasses.field(metadata=metadata, **kwargs)
 

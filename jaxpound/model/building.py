@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import NoneType
 from typing import Any
 
 import jax
@@ -66,7 +65,7 @@ class Building(BatchInSI):
     order: Any = like(ZenerRod, "order", _ORDER, default=None)
     tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION, default=None)
     tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION, default=None)
-    hysteresis: Any = part(HysteresisLaw, NoneType, traced=True, default=None)
+    hysteresis: Any = part(HysteresisLaw, traced=True, default=None)
     dashpot: Any = like(Dashpot, "coefficient", COEFFICIENT, default=None)
     n_floors, n_ends, n_tuned, n_bearings = 1, 1, 0, 0  # as a ``ShearBuilding`` has them
     footing = None

@@ -110,7 +110,7 @@ class FloorLink:
     velocity_friction: VelocityFriction | None = like(Link, "velocity_friction", default=None)
     inerter: Inerter | None = like(Link, "inerter", default=None)
     side: str = static(default="right")
-    column: Column | None = part(Column, NoneType, default=None, listed=bool)
+    column: Column | None = part(Column, default=None, listed=bool)
 
     def __post_init__(self) -> None:
         require_one_of(self.side, ("right", "left"), "side")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from types import NoneType
 from typing import Any
 
 import jax.numpy as jnp
@@ -93,9 +92,9 @@ class ShearBuilding:
     storeys: tuple[Building, ...] = part(Building, each=True)
     heights: tuple[float, ...] = static(default=3.0)
     n_tuned: int = static(default=0, listed=bool)
-    damping: Any = part(Rayleigh, ModalDamping, NoneType, default=None, listed=bool)
+    damping: Any = part(Rayleigh, ModalDamping, default=None, listed=bool)
     n_bearings: int = static(default=0, listed=bool)
-    footing: Footing | None = part(Footing, NoneType, default=None, listed=bool)
+    footing: Footing | None = part(Footing, default=None, listed=bool)
 
     def __post_init__(self) -> None:
         check(self)

@@ -12,7 +12,6 @@ import itertools
 import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from types import NoneType
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -123,14 +122,12 @@ class Link:
     gap: Any = parameter(
         r"\xi_0", "length", "gap at rest", least=0, finite=False, usual=(0, 3), default=np.inf
     )
-    contact: ContactLaw | Newton | None = part(
-        ContactLaw, Newton, NoneType, traced=True, default=None
-    )
-    damper: Rod | None = part(Rod, NoneType, default=None)
-    velocity_friction: VelocityFriction | None = part(VelocityFriction, NoneType, default=None)
-    inerter: Inerter | None = part(Inerter, NoneType, default=None)
+    contact: ContactLaw | Newton | None = part(ContactLaw, Newton, traced=True, default=None)
+    damper: Rod | None = part(Rod, default=None)
+    velocity_friction: VelocityFriction | None = part(VelocityFriction, default=None)
+    inerter: Inerter | None = part(Inerter, default=None)
     weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
-    column: Column | None = part(Column, NoneType, default=None, listed=bool)
+    column: Column | None = part(Column, default=None, listed=bool)
 
     def __post_init__(self) -> None:
         _set_ends(self)

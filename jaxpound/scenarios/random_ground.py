@@ -9,7 +9,6 @@ import dataclasses
 import math
 from collections import Counter
 from collections.abc import Sequence
-from types import NoneType
 from typing import Any
 
 import jax.numpy as jnp
@@ -263,7 +262,7 @@ class RandomRicker(Checked, GroundDraw):
     periods: Distribution = part(Distribution)
     arrivals: Distribution = part(Distribution)
     negative: Any = parameter(words="probability", least=0, most=1, single=True, default=None)
-    intensity: Distribution | None = part(Distribution, NoneType, default=None)
+    intensity: Distribution | None = part(Distribution, default=None)
 
     def __post_init__(self) -> None:
         if self.negative is None:
@@ -325,7 +324,7 @@ class RandomRecord(Checked, GroundDraw):
     """
 
     records: tuple[Record, ...]
-    factor: Distribution | None = part(Distribution, NoneType, default=None)
+    factor: Distribution | None = part(Distribution, default=None)
     weights: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
