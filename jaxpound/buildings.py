@@ -24,13 +24,7 @@ from jaxpound.model.row import (
     require_heights,
 )
 from jaxpound.model.shear_building import ShearBuilding, in_units
-from jaxpound.model.system import (
-    System,
-    as_tuple,
-    is_closable,
-    may_hold,
-    require_independent,
-)
+from jaxpound.model.system import System, as_tuple, is_closable, may_hold, require_independent
 from jaxpound.model.topology import GROUND, support
 from jaxpound.model.vibration import Modes, modes
 from jaxpound.quantities import SI, STANDARD_GRAVITY
