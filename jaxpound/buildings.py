@@ -8,7 +8,7 @@ from functools import partial
 from itertools import chain
 from typing import Any, ClassVar
 
-from jaxpound._checks import enforce, is_traced, is_whole
+from jaxpound._checks import as_tuple, enforce, is_traced, is_whole
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import check, parameter, part, pytree_dataclass, ranges, static, unchecked
 from jaxpound.model.building import Building
@@ -24,7 +24,7 @@ from jaxpound.model.row import (
     require_heights,
 )
 from jaxpound.model.shear_building import ShearBuilding, in_units
-from jaxpound.model.system import System, as_tuple, is_closable, may_hold, require_independent
+from jaxpound.model.system import System, is_closable, may_hold, require_independent
 from jaxpound.model.topology import GROUND, support
 from jaxpound.model.vibration import Modes, modes
 from jaxpound.quantities import SI, STANDARD_GRAVITY

@@ -13,6 +13,7 @@ from jaxpound import _checks
 from jaxpound._checks import (
     Range,
     Rule,
+    as_tuple,
     count,
     enforce,
     is_traced,
@@ -30,7 +31,7 @@ from jaxpound.model.rod import Spring
 from jaxpound.model.soil import Footing, SoilEffect
 from jaxpound.model.strength import storey_shears, with_weight
 from jaxpound.model.structures import Storeys, require_storeys, storey_ends
-from jaxpound.model.system import Rod, as_tuple
+from jaxpound.model.system import Rod
 from jaxpound.model.topology import GROUND, Ends
 from jaxpound.model.vibration import Modes, first_frequency, modes
 from jaxpound.quantities import STANDARD_GRAVITY
