@@ -336,7 +336,7 @@ test_wrong_supports_are_refused = refusals(
     (jp.simulate, deck(), (AT_0, AT_1, AT_2), GRID, "motions of 3 supports, must be of 2: struct"),
     (jp.demand, deck(), 2 * jp.ground.SupportMotions((AT_0,) * 3), GRID, "motions of 3 supports"),
     (jp.travelling, AT_0, 0.0, (0.0,), "velocity = 0 must be positive"),
-    (jp.travelling, AT_0, 1.0, (0.0, -1.0), r"distances\[1\] = -1 must be finite and ≥ 0"),
+    (jp.travelling, AT_0, 1.0, (0.0, -1.0), r"distances\[1\] = -1 must be finite and not negative"),
     (jp.travelling, (AT_0, AT_1), 1.0, (0.0, 1.0), "must be one motion"),
     (gapless, 1, r"supports = \(1, 1\) must be a whole number .* each of the 1 buildings"),
 )
