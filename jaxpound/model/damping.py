@@ -48,12 +48,10 @@ class Rayleigh(BatchInSI):
     [0.05, 0.05, 0.0653, 0.0766]
     """
 
-    ratio: Any = parameter(
-        r"\zeta", words="damping ratio", least=0, within=_RATIO, optional=True, default=None
-    )
+    ratio: Any = parameter(r"\zeta", words="damping ratio", least=0, within=_RATIO, default=None)
     modes: tuple[int, int] = static(default=_MODES)
-    mass: Any = parameter(r"\alpha", least=0, within=_OF_MASS, optional=True, default=None)
-    stiffness: Any = parameter(r"\beta", least=0, within=_OF_STIFFNESS, optional=True, default=None)
+    mass: Any = parameter(r"\alpha", least=0, within=_OF_MASS, default=None)
+    stiffness: Any = parameter(r"\beta", least=0, within=_OF_STIFFNESS, default=None)
 
     def __post_init__(self) -> None:
         modes = as_tuple("modes", self.modes)
