@@ -100,6 +100,7 @@ class Buildings:
         return self
 
     def _check(self) -> None:
+        object.__setattr__(self, "buildings", as_tuple("buildings", self.buildings))
         object.__setattr__(self, "links", by_face(as_tuple("links", self.links)))
         check(self)
         object.__setattr__(self, "supports", known_supports(self.supports, len(self.buildings)))
