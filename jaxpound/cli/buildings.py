@@ -165,7 +165,7 @@ class StoreySection(Section):
         if self.order == "spring":
             values["order"] = None
         named_counts = {"n_tuned": "tuned_masses", "n_bearings": "bearings"}
-        with named("", {"storey_mass": "mass"} | named_counts):
+        with named("", {"storey_mass": "mass", "ratios": "modal"} | named_counts):
             if "masses" in values:
                 counts = {name: values.pop(key, 0) for name, key in named_counts.items()}
                 return dataclasses.replace(jp.ShearBuilding.of_storeys(**values), **counts)

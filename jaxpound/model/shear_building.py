@@ -24,7 +24,7 @@ from jaxpound._checks import (
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import ORDER_BY_DEFAULT, ROD, Building
-from jaxpound.model.dampers import MatrixDashpot
+from jaxpound.model.dampers import Dashpot
 from jaxpound.model.damping import ModalDamping, Rayleigh, normal_modes
 from jaxpound.model.hysteresis import Bilinear
 from jaxpound.model.rod import Spring
@@ -437,13 +437,16 @@ def in_units(
         springs = footing.sway_stiffness / stiffness, footing.rocking_stiffness / stiffness
         numbers += [(Spring(), k) for k in springs]
         radiation = footing.sway_damping, footing.rocking_damping
-        dashpots += [((n + x, GROUND), c) for x, c in enumerate(radiation)]
+        dashpots += [
+            ((n + x, GROUND), unchecked(Dashpot, coefficient=c)) for x, c in enumerate(radiation)
+        ]
     rods = (unchecked(Rod, material=law, stiffness=k, ends=None) for law, k in numbers)
     parts |= {"masses": tuple(masses), "rods": tuple(rods)}
     undamped = unchecked(Storeys, **parts, damping=())
-    materials = [unchecked(MatrixDashpot, coefficient=c / (mass * frequency)) for _, c in dashpots]
-    pairs = zip(materials, dashpots, strict=True)
-    damping = (unchecked(Rod, material=x, **undamped.between(*ends)) for x, (ends, _) in pairs)
+    unit, damping = mass * frequency, list[Rod]()
+    for ends, dashpot in dashpots:
+        material = unchecked(type(dashpot), coefficient=dashpot.coefficient / unit)
+        damping.append(unchecked(Rod, material=material, **undamped.between(*ends)))
     return unchecked(Storeys, **parts, damping=tuple(damping))
 
 
@@ -456,16 +459,16 @@ def _first_that_vibrates(modes: Modes) -> tuple[float, float]:
 
 
 def _dashpots(building: Building | ShearBuilding) -> list[tuple[Ends, Any]]:
-    """Ends by floor, from 0, and coefficient, N s/m, of the dashpots in a building."""
+    """Ends by floor, from 0, and material of the dashpots in a building, in N s/m."""
     dashpots = [
-        (storey_ends(i), storey.dashpot)
+        (storey_ends(i), unchecked(Dashpot, coefficient=storey.dashpot))
         for i, storey in enumerate(building.storeys)
         if storey.dashpot is not None
     ]
     if isinstance(building, ShearBuilding) and building.damping is not None:
         first = building.n_bearings
         inherent = building.damping.dashpots(*building._above_bearings())
-        dashpots += [((first + i, first + j), c) for (i, j), c in inherent]  # GROUND is below 0
+        dashpots += [((first + i, first + j), x) for (i, j), x in inherent]  # GROUND is below 0
     return dashpots
 
 
