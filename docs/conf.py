@@ -36,6 +36,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "myst_nb",
     "from_notebooks",
+    "table_of_inputs",
     "tables_of_columns",
 ]
 exclude_patterns = ["_build", "_templates", "jupyter_execute"]
