@@ -1,15 +1,12 @@
 """The pair on the page for those who come from OpenSees: in OpenSees and here the same."""
 
-import ctypes
-import importlib.util
 import os
 import re
-from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.opensees_library import load_blas
 from tests.test_docs import DOCS, code
 from tests.test_how_to import printed
 
@@ -82,11 +79,7 @@ def test_the_numbers_of_impact_material_lead_back_to_the_law(here):
 @pytest.fixture(scope="module")
 def opensees():
     """The page's script for OpenSees, as a function of step, law of contact and stiffness."""
-    wheel = importlib.util.find_spec("openseespylinux")
-    if wheel is not None and wheel.origin is not None:  # it brings a BLAS that is not looked for
-        with suppress(OSError):
-            library = Path(wheel.origin).parent / "lib" / "libblas.so.3"
-            ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    load_blas()
     ops = pytest.importorskip("openseespy.opensees", exc_type=(ImportError, RuntimeError))
     ops.logFile(os.devnull, "-noEcho")  # it would report every impact
 
