@@ -21,6 +21,7 @@ sys.path[:0] = [str(ROOT), str(HERE)]
 
 import jaxpound  # noqa: E402
 from jaxpound.cli import main as cli  # noqa: E402
+from jaxpound.cli.files import example  # noqa: E402
 
 project = "jaxpound"
 author = "The jaxpound developers"
@@ -35,6 +36,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "myst_nb",
     "from_notebooks",
+    "table_of_inputs",
     "tables_of_columns",
 ]
 exclude_patterns = ["_build", "_templates", "jupyter_execute"]
@@ -108,6 +110,17 @@ class CommandHelp(Directive):
         return [nodes.literal_block(shown.getvalue(), shown.getvalue(), language="text")]
 
 
+class ExampleConfig(Directive):
+    """The ``--example-config`` of a command, of its form "row" too."""
+
+    required_arguments, optional_arguments = 1, 1
+
+    def run(self) -> list[nodes.Node]:
+        """A block of text."""
+        text = example(*self.arguments)
+        return [nodes.literal_block(text, text, language="toml")]
+
+
 _as_written: dict[str, list[str]] = {}
 
 
@@ -156,6 +169,7 @@ def plain_types(app: Any, domain: str, objtype: str, content: Any) -> None:
 def setup(app: Any) -> None:
     """Connect the above."""
     app.add_directive("command-help", CommandHelp)
+    app.add_directive("example-config", ExampleConfig)
     app.connect("autodoc-process-docstring", keep_as_written, priority=400)
     app.connect("autodoc-process-docstring", finish, priority=600)
     app.connect("autodoc-process-signature", result_signature)

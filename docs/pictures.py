@@ -2,10 +2,11 @@
 
 A row of three buildings under El Centro, and the paper's structures at a gap of 0.7, both without
 and with dampers, as animations; the drawing of the system; the paper's case over time; how a pair
-that pounds becomes chaotic; what yields; what the guides draw. Names of pictures as arguments make
-only these.
+that pounds becomes chaotic; what yields; which class or function to take; what the guides draw.
+Names of pictures as arguments make only these.
 """
 
+import itertools
 import re
 import sys
 from contextlib import chdir
@@ -18,12 +19,13 @@ from typing import Any
 import jax
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch
 
 import jaxpound as jp
 from jaxpound import plots
 from jaxpound.plots.animation import animate
 from jaxpound.plots.runs import gaps, overview
-from jaxpound.plots.style import COLOURS, in_house_style, label, legend, new_figure
+from jaxpound.plots.style import COLOURS, CYCLE, arrow, in_house_style, label, legend, new_figure
 from jaxpound.plots.system import mechanical_system
 
 jax.config.update("jax_enable_x64", True)
@@ -177,9 +179,58 @@ def yielding() -> None:
     figure.savefig(HERE / "yielding.png", dpi=130)
 
 
-PICTURES = {
-    draw.__name__: draw for draw in (row, animation, system, paper_case, chaos, yielding, guides)
-}
+def choices() -> dict[str, list[tuple[str, str]]]:
+    """The questions of the page ``which_one``, each with its cases and what to take."""
+    text = (HERE / "which_one.md").read_text(encoding="utf-8")
+    questions = {}
+    for section in text.split("\n## ")[1:]:
+        question, _, body = section.partition("\n")
+        body = re.sub(r"\{py:\w+\}`(?:~jaxpound\.)?([\w.]+)[^`]*`", r"\1", body)
+        cases = re.findall(r"^- \*\*(.*)\*\*: (.*)\.\\$", body, re.M)
+        questions[question] = [(case, name.replace("`", "")) for case, name in cases]
+    return questions
+
+
+@in_house_style
+def which_one() -> None:
+    """The decision diagram: questions on the left, cases and what to take on the right."""
+    questions, gap = choices(), 0.8
+    height = sum(map(len, questions.values())) + gap * len(questions) + 2.0
+    figure = Figure(figsize=(7.08, 0.225 * height), layout="none")
+    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    ax.set(xlim=(0, 100), ylim=(-height, 0))
+    ax.set_axis_off()
+    centred: dict[str, Any] = {"ha": "center", "va": "center"}
+    ax.text(14.0, -0.9, "question", **centred, fontsize=8, style="italic")
+    ax.text(33.0, -0.9, "what you have", va="center", fontsize=8, style="italic")
+    ax.text(66.0, -0.9, "what to take", va="center", fontsize=8, style="italic")
+    top, middles = -2.2, []
+    for (question, cases), colour in zip(questions.items(), CYCLE, strict=False):
+        lines = [top - k for k in range(len(cases))]
+        middle = (lines[0] + lines[-1]) / 2
+        subject, _, words = question.partition(": ")
+        box: dict[str, Any] = {"boxstyle": "round,pad=0,rounding_size=1", "mutation_aspect": 0.4}
+        ax.add_patch(FancyBboxPatch((1.5, middle - 1.2), 25.0, 2.4, **box, fc=colour, alpha=0.15))
+        ax.add_patch(FancyBboxPatch((1.5, middle - 1.2), 25.0, 2.4, **box, fc="none", ec=colour))
+        ax.text(14.0, middle + 0.45, subject, **centred, weight="bold", fontsize=9.5)
+        ax.text(14.0, middle - 0.5, words, **centred, fontsize=8)
+        stroke: dict[str, Any] = {"color": colour, "linewidth": 1.2}
+        ax.plot([26.5, 29.0], [middle, middle], **stroke)
+        ax.plot([29.0, 29.0], [lines[0], lines[-1]], **stroke, solid_capstyle="projecting")
+        for line, (case, name) in zip(lines, cases, strict=True):
+            ax.plot([29.0, 32.0], [line, line], **stroke)
+            ax.text(33.0, line, case, va="center", fontsize=8.5)
+            arrow(ax, (60.5, line), (65.0, line), colour, 7, linewidth=1.2)
+            ax.text(66.0, line, name, va="center", fontsize=8.5, family="monospace")
+        middles.append(middle)
+        top = lines[-1] - 1.0 - gap
+    for above, below in itertools.pairwise(middles):
+        arrow(ax, (14.0, above - 1.3), (14.0, below + 1.3), COLOURS["residual"], 8, linewidth=0.9)
+    figure.savefig(HERE / "which_one.png", dpi=130, metadata={"Description": str(questions)})
+
+
+DRAWN = row, animation, system, paper_case, chaos, yielding, which_one, guides
+PICTURES = {draw.__name__: draw for draw in DRAWN}
 
 
 def main() -> None:

@@ -258,8 +258,8 @@ def instead(value: Any, types: str) -> str:
         return "; read_record reads one from a file"
     if types == "ScenarioSet":
         return "; Scenarios(structures, ground) makes one"
-    if hasattr(value, "pgas"):  # a suite of records
-        return "; Analysis takes a suite, whose records travel with its velocity and distances"
+    if hasattr(value, "pgas"):
+        return "; of a suite of records it is one, suite[0], or RandomRecord and Analysis take all"
     first = value[0] if isinstance(value, tuple | list) and value else value
     if hasattr(type(first), "natural_period"):  # a building
         return "; Buildings((left, right), links) makes structures of them"

@@ -142,21 +142,23 @@ def parameter(
 ) -> Any:
     """A field that is a ``Parameter`` of this symbol, kind and words, traced and differentiated.
 
-    ``each`` makes it a tuple of them.
+    ``each`` makes it a tuple of them; the default None makes it optional.
     """
+    rules = {"optional": default is None} | rules
     metadata = {_SPEC: Parameter(*spec, **rules), "each": each}
     return dataclasses.field(metadata=metadata, default=default)
 
 
-def like(
-    cls: type, name: str, within: Range | None = None, optional: bool = False, **kwargs: Any
-) -> Any:
-    """A field that is the same parameter or part as that of another class, perhaps in a range."""
+def like(cls: type, name: str, within: Range | None = None, **kwargs: Any) -> Any:
+    """A field that is the same parameter or part as that of another class, perhaps in a range.
+
+    The default None makes a parameter optional.
+    """
     (metadata,) = (dict(f.metadata) for f in dataclasses.fields(cls) if f.name == name)
-    if within is not None:
-        metadata[_SPEC] = dataclasses.replace(metadata[_SPEC], within=within)
-    if optional:
-        metadata[_SPEC] = dataclasses.replace(metadata[_SPEC], optional=True)
+    if isinstance(spec := metadata.get(_SPEC), Parameter):
+        optional = spec.optional or kwargs.get("default", spec) is None
+        within = within or spec.within
+        metadata[_SPEC] = dataclasses.replace(spec, optional=optional, within=within)
     return dataclasses.field(metadata=metadata, **kwargs)
 
 
@@ -170,10 +172,12 @@ def part(
 ) -> Any:
     """A field that holds an object of one of the kinds, or without kinds a pytree of objects.
 
-    A kind may be a protocol; ``NoneType`` makes the part optional. ``each`` makes it a tuple of
+    A kind may be a protocol; the default None makes the part optional. ``each`` makes it a tuple of
     such objects, or of a list of them. ``traced`` refuses user-defined objects that are no pytrees.
     ``listed`` is as of a label.
     """
+    if kinds and kwargs.get("default", kinds) is None:
+        kinds = *kinds, NoneType
     metadata = {_ROLE: "part", "kinds": kinds, "each": each, "traced": traced, "listed": listed}
     return dataclasses.field(metadata=metadata, **kwargs)
 

@@ -8,7 +8,7 @@ from functools import partial
 from itertools import chain
 from typing import Any, ClassVar
 
-from jaxpound._checks import enforce, is_traced, is_whole
+from jaxpound._checks import as_tuple, enforce, is_traced, is_whole
 from jaxpound._errors import InvalidInput, warn
 from jaxpound._fields import check, parameter, part, pytree_dataclass, ranges, static, unchecked
 from jaxpound.model.building import Building
@@ -23,14 +23,8 @@ from jaxpound.model.row import (
     require_floors,
     require_heights,
 )
-from jaxpound.model.shear_building import ShearBuilding, in_units, n_ends, storeys_of
-from jaxpound.model.system import (
-    System,
-    as_tuple,
-    is_closable,
-    may_hold,
-    require_independent,
-)
+from jaxpound.model.shear_building import ShearBuilding, in_units
+from jaxpound.model.system import System, is_closable, may_hold, require_independent
 from jaxpound.model.topology import GROUND, support
 from jaxpound.model.vibration import Modes, modes
 from jaxpound.quantities import SI, STANDARD_GRAVITY
@@ -115,21 +109,21 @@ class Buildings:
             friction = FRICTION.of(f"links.{k}.friction", link.friction)
             laws = [ranges(getattr(link, x), f"links.{k}.{x}.") for x in _LAWS]
             enforce([friction, *gaps, *chain(*laws)])
-        require_floors(list(map(n_ends, self.buildings)), self.links, LinkLabels())
+        require_floors([x.n_ends for x in self.buildings], self.links, LinkLabels())
         require_heights(self.buildings, self.links, LinkLabels())
         self._require_own_support()
-        on_soil = any(getattr(building, "footing", None) for building in self.buildings)
+        on_soil = any(building.footing for building in self.buildings)
         if on_soil or any(link.column for link in self.links):
             require_independent(self.system())
 
     def _require_own_support(self) -> None:
         """An ``InvalidInput`` for bearings and inerters that lead to a support not theirs."""
         for k, link in enumerate(self.links if self.supports else ()):
-            building: Any = self.buildings[link.building]
+            building = self.buildings[link.building]
             stands_on = support(self.supports[link.building])
-            if getattr(building, "footing", None) is not None:  # which is its ground
+            if building.footing is not None:  # which is its ground
                 stands_on = GROUND
-            is_base = link.floor == 0 and getattr(building, "n_bearings", 0) > 0
+            is_base = link.floor == 0 and building.n_bearings > 0
             slides = may_hold(link) or link.damper is not None
             if link.other_building in (stands_on, link.building) or link.other_building >= 0:
                 continue
@@ -151,7 +145,7 @@ class Buildings:
     @property
     def scales(self) -> Scales:
         """The scales of the dimensionless form, which the first building's first storey sets."""
-        storey = storeys_of(self.buildings[0])[0]
+        storey = self.buildings[0].storeys[0]
         return Scales(storey.mass, (storey.stiffness / storey.mass) ** 0.5, self.gravity)
 
     def modes(self, building: int) -> Modes:
@@ -208,7 +202,7 @@ class Buildings:
             laws = {x: law_in_units(f"links.{k}.{x}", getattr(link, x)) for x in _LAWS}
             friction, gap = link.friction / scales.force, link.gap / scales.length
             links.append(replace(link, friction=friction, gap=gap, **laws))
-        stiffness = storeys_of(self.buildings[0])[0].stiffness
+        stiffness = self.buildings[0].storeys[0].stiffness
         row = self.row_in(scales.mass, stiffness, scales.frequency, scales.length)
         return Row(row.buildings, tuple(links), self.supports), scales
 

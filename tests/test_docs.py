@@ -5,13 +5,16 @@ import importlib.util
 import pkgutil
 import re
 import tomllib
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import jax
 import pytest
+from PIL import Image
 
 import jaxpound as jp
+from jaxpound._fields import _SPEC, Parameter
 from jaxpound.cli import main as cli
 
 ROOT = Path(__file__).parents[1]
@@ -147,14 +150,19 @@ def test_the_examples_of_the_questions_are_right():
     assert not runner.failures
 
 
+def of_docs(name):
+    """A module beside the pages."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="module")
 def from_notebooks():
     """The extension that takes pictures from the notebooks."""
     pytest.importorskip("sphinx")
-    spec = importlib.util.spec_from_file_location("from_notebooks", DOCS / "from_notebooks.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return of_docs("from_notebooks")
 
 
 def test_pictures_and_notebooks_are_listed(from_notebooks):
@@ -182,6 +190,90 @@ def test_the_risk_of_an_impact_is_that_of_its_notebook(from_notebooks):
     assert len(numbers) > 20
     for number in numbers:
         assert any(re.search(rf"(?<![\d.]){re.escape(number)}", text) for text in texts), number
+
+
+def test_the_picture_of_choices_is_that_of_its_page():
+    """Each choice has three lines: for what, not for what, and where to read on."""
+    pictures = of_docs("pictures")
+    questions = pictures.choices()
+    assert len(questions) == 6
+    with Image.open(DOCS / "which_one.png") as picture:
+        assert picture.text["Description"] == str(questions), "python docs/pictures.py which_one"
+    text = (DOCS / "which_one.md").read_text(encoding="utf-8")
+    leaves = re.findall(r"^- .*\n  For .*\n  Not .*\n  See .*\)\.$", text, re.M)
+    assert len(leaves) == len(re.findall(r"^- ", text, re.M)) == sum(map(len, questions.values()))
+
+
+PURE = {  # numbers without a unit
+    *("AdjacentStructures.mass_ratio", "AdjacentStructures.stiffness_ratio"),
+    *("Bilinear.hardening", "BoucWen.beta", "BoucWen.exponent", "BoucWen.hardening"),
+    *("BoucWen.stiffness_degradation", "BoucWen.strength_degradation", "Building.order"),
+    *("CloughPenzien.damping", "CloughPenzien.high_pass_damping", "Column.position"),
+    *("FilteredNoise.samples", "FrictionPendulum.fast_friction", "FrictionPendulum.friction"),
+    *("GammaEnvelope.power", "HertzDamped.restitution", "Jankowski.restitution"),
+    *("KanaiTajimi.damping", "KelvinVoigt.restitution", "LeadRubber.strength", "Link.weights"),
+    *("LogNormal.sigma", "ModalDamping.ratios", "Newton.restitution", "NonstationaryNoise.damping"),
+    *("NonstationaryNoise.samples", "PowerLaw.exponent", "Pulse.cycles", "RandomRicker.negative"),
+    *("RandomRicker.wavelets", "Rayleigh.ratio", "Rod.weights", "Scaled.factor"),
+    *("SiteBasedNoise.magnitude", "SiteBasedNoise.samples", "Soil.poisson_ratio"),
+    *("TargetSpectrum.damping", "TimeGrid.n_steps", "TwoSided.negative", "ZenerRod.order"),
+} | {"LogNormal.median", "Normal.mean", "Normal.std", "Uniform.low", "Uniform.high"}  # any unit
+
+
+METHODS = {"reliability", "design", "study", "hazard"}  # whose options have pages of their own
+
+
+def test_the_table_of_inputs_leaves_nothing_out():
+    """All public classes with parameters, and each cell, unless an object has none."""
+    pytest.importorskip("sphinx")
+    table = of_docs("table_of_inputs")
+    subjects = table.subjects(entries("inputs", DOCS / "inputs.md"))
+    names = [*chain(*subjects.values())]
+    classes = [pkgutil.resolve_name(f"jaxpound.{name}") for name in names]
+    assert len(classes) == len(set(classes))
+    spaces = jp, jp.model, jp.ground, jp.scenarios
+    public = {getattr(space, name) for space in spaces for name in space.__all__}
+    described = {x for x in public if isinstance(x, type) and is_dataclass(x) and parameters_of(x)}
+    assert {x for x in described if x.__module__.split(".")[1] not in METHODS} <= set(classes)
+
+    rows = {}
+    for name, cls in zip(names, classes, strict=True):
+        numbers = set(parameters_of(cls))
+        for row in table.rows(name):
+            field = re.match(r"`([^`]*)`", row.name)[1]
+            path = f"{cls.__name__}.{field}"
+            rows[path] = row
+            assert "" not in row, path
+            if field in numbers or "(" in field:
+                assert table.NONE not in (row.default, row.must, row.usual, row.source), path
+            if field in numbers:
+                assert (row.unit == table.NONE) == (path in PURE), path
+    assert set(rows) >= PURE
+    owners = {path.partition(".")[0] for path in rows}
+    for words in (table.USUAL, table.UNITS, table.SOURCES):
+        assert set(words) <= set(rows) | owners
+    by_name = {path.partition(".")[2] for path in rows}
+    assert set(table.MUST) <= set(rows) | owners | by_name
+
+
+def parameters_of(cls):
+    """The names of the fields that are parameters."""
+    return [x.name for x in fields(cls) if isinstance(x.metadata.get(_SPEC), Parameter)]
+
+
+def test_every_source_of_an_input_is_in_the_bibliography_or_a_page():
+    pytest.importorskip("sphinx")
+    for source in of_docs("table_of_inputs").SOURCES.values():
+        if page := re.search(r"\]\(([\w/]+\.md)", source):
+            assert (DOCS / page[1]).exists(), source
+        else:
+            author, _, year = source.partition(" (")
+            names = re.split(r", | and ", author)
+            assert any(
+                source in entry
+                or (f"({year}" in entry and all(x in entry.split(":")[0] for x in names))
+                for entry in BIBLIOGRAPHY
+            ), source
 
 
 PAGE = (DOCS / "bibliography.md").read_text(encoding="utf-8")

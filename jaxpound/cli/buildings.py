@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import NoneType
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -39,7 +39,7 @@ from jaxpound.model.building import DAMPING, PERIOD, ROD
 from jaxpound.model.parameters import get, paths
 from jaxpound.model.places import support_place
 from jaxpound.model.row import LinkLabels, by_face, require_floors, require_heights
-from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER, n_ends, storeys_of
+from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER
 from jaxpound.model.system import is_closable
 
 _MOST = 1000  # buildings or floors: more are a typing error
@@ -165,7 +165,7 @@ class StoreySection(Section):
         if self.order == "spring":
             values["order"] = None
         named_counts = {"n_tuned": "tuned_masses", "n_bearings": "bearings"}
-        with named("", {"storey_mass": "mass"} | named_counts):
+        with named("", {"storey_mass": "mass", "ratios": "modal"} | named_counts):
             if "masses" in values:
                 counts = {name: values.pop(key, 0) for name, key in named_counts.items()}
                 return dataclasses.replace(jp.ShearBuilding.of_storeys(**values), **counts)
@@ -307,30 +307,22 @@ class LinkSection(Section):
 
     def links(self, buildings: Sequence[jp.ShearBuilding]) -> list[jp.FloorLink]:
         """The library's ``FloorLink``, of each floor and face."""
-        floors: Iterable[Any]  # building b, floor i, next floor j, next building and column
-        column: Any = self.column and self.column.model()
+        between: Any = {key: x.model() for key, x in self.stated().items() if key in LAWS}
+        between |= {"friction": self.friction_force or 0.0, "gap": of_faces(self.gap)}
+        between["side"] = self.side or "right"
         if self.floors == "common":
             left, last = None if self.building is None else self.building - 1, len(buildings) - 1
             if left is not None and not left < last:
                 rule = f"must be from 1 to {last}, with another building to the right"
                 raise refused("building", rule, str(self.building))
-            gap = of_faces(self.gap)
-            common = jp.floor_links(buildings, gap=gap, building=left, columns=column)
-            floors = [(x.building, x.floor, x.next_floor, None, x.column) for x in common]
-        else:
-            stated: Any = self  # with a building, and one floor or several
-            other = _end_of(self.next_building)
-            next_floor = None if self.next_floor is None else self.next_floor - 1
-            numbers = stated.floors or [stated.floor]
-            floors = [(stated.building - 1, i - 1, next_floor, other, column) for i in numbers]
-        between: Any = {key: x.model() for key, x in self.stated().items() if key in LAWS}
-        between |= {"friction": self.friction_force or 0.0, "gap": of_faces(self.gap)}
-        between["side"] = self.side or "right"
-        links = []
-        for b, i, j, other, column in floors:
-            ends = {"next_floor": j, "next_building": other, "column": column}
-            links.append(jp.FloorLink(b, i, **(between | ends)))
-        return [*by_face(links)]
+            columns = between.pop("column", None)
+            common = jp.floor_links(buildings, gap=between["gap"], building=left, columns=columns)
+            return [*by_face([dataclasses.replace(link, **between) for link in common])]
+        stated: Any = self  # with a building, and one floor or several
+        next_floor = None if self.next_floor is None else self.next_floor - 1
+        between |= {"next_floor": next_floor, "next_building": _end_of(self.next_building)}
+        floors = stated.floors or [stated.floor]
+        return [*by_face([jp.FloorLink(stated.building - 1, i - 1, **between) for i in floors])]
 
 
 def _end_of(next_building: int | str | None) -> int | None:
@@ -370,7 +362,7 @@ class BuildingsLayout(NamedTuple):
             for n, link in by_table
         ]
         labels = LinkLabels(names.__getitem__, " ", first=1)
-        require_floors(list(map(n_ends, models)), floor_links, labels)
+        require_floors([model.n_ends for model in models], floor_links, labels)
         require_heights(models, floor_links, labels)
         bearings = tuple(building.isolation for building in buildings)
         supports = tuple((building.support or 1) - 1 for building in buildings)
@@ -399,7 +391,7 @@ def as_toml(buildings: jp.Buildings) -> str:
     """
     lines, plural = [], {"mass": "masses", "stiffness": "stiffnesses"}
     for number, building in enumerate(buildings.buildings):
-        storeys = storeys_of(building)
+        storeys = building.storeys
         springs = [storey.order is None for storey in storeys]
         keys = ("mass", "stiffness") if all(springs) else _BY_ROD.needed
         series = {plural.get(key, key): [getattr(x, key) for x in storeys] for key in keys}
@@ -410,9 +402,7 @@ def as_toml(buildings: jp.Buildings) -> str:
             series["dashpots"] = [storey.dashpot or 0.0 for storey in storeys]
         if isinstance(building, jp.ShearBuilding):
             series["heights"] = [*building.heights]
-        counts = {x: getattr(building, x, 0) for x in ("n_tuned", "n_bearings")}
-        yields = _lists(keys_of(storeys[: len(storeys) - counts["n_tuned"]]))
-        footing = getattr(building, "footing", None)
+        yields, footing = _lists(keys_of(storeys[: building.n_floors])), building.footing
         soil = [f"{x} = {_written(get(footing, path))}" for x, path in soil_keys(footing).items()]
         yields += [f"soil = {{{', '.join(soil)}}}"] if soil else []
         stands_on = [f"support = {buildings.supports[number] + 1}"] if buildings.supports else []
@@ -420,8 +410,8 @@ def as_toml(buildings: jp.Buildings) -> str:
         damping = getattr(building, "damping", None)
         if damping is not None or (all(springs) and "dashpots" not in series):
             lines.append(f"damping = {{{', '.join(_damping(damping))}}}")
-        lines += [f"tuned_masses = {n}  # the last of these"] if (n := counts["n_tuned"]) else []
-        lines += [f"bearings = {n}  # the first of these"] if (n := counts["n_bearings"]) else []
+        lines += [f"tuned_masses = {n}  # the last of these"] if (n := building.n_tuned) else []
+        lines += [f"bearings = {n}  # the first of these"] if (n := building.n_bearings) else []
         lines.append("")
     for link in buildings.links:
         lines += ["[[link]]", f"building = {link.building + 1}", f"floor = {link.floor + 1}"]

@@ -9,6 +9,7 @@ import hashlib
 import io
 import json
 import math
+import re
 import shutil
 import sys
 import tempfile
@@ -34,10 +35,14 @@ FORMS = ("pair", "row")  # of a configuration: two buildings of one storey, or a
 
 
 def example(command: str, form: str = "pair") -> str:
-    """The documented example of a command, a configuration by its form or the "record", as text."""
+    """The documented example of a command, a configuration by its form or the "record", as text.
+
+    A line ``# <FILE>`` stands for what another file holds: the buildings of several commands.
+    """
+    folder = resources.files("jaxpound.cli")
     name = command if form == "pair" else f"{command}_{form}"
-    ending = "at2" if form == "record" else "toml"
-    return (resources.files("jaxpound.cli") / f"{name}.{ending}").read_text(encoding="utf-8")
+    text = (folder / f"{name}.{'at2' if form == 'record' else 'toml'}").read_text(encoding="utf-8")
+    return re.sub(r"(?m)^# <(.*)>\n", lambda x: (folder / x[1]).read_text(encoding="utf-8"), text)
 
 
 def make_folder(out: Path) -> None:

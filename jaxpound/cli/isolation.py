@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import jaxpound as jp
 from jaxpound.cli.reading import Form, Section, between, named, of_field, refused
 from jaxpound.cli.tables import ContactSection, Gaps, OfClass, of_faces
+from jaxpound.model.foundation import FOOTING_NAMES
 from jaxpound.model.isolation import RATE
 from jaxpound.model.parameters import paths
 from jaxpound.model.row import by_face
@@ -86,8 +87,8 @@ class SoilSection(Section):
 
 def soil_keys(footing: jp.model.Footing | None) -> dict[str, str]:
     """The paths of a footing's numbers by the keys of a file; none on rigid ground."""
-    names = {"mass": "footing_mass", "inertia": "footing_inertia"}
-    return {names.get(key := path.removeprefix("soil."), key): path for path in paths(footing)}
+    keys = {path: path.removeprefix("soil.") for path in paths(footing)}
+    return {FOOTING_NAMES.get(key, key): path for path, key in keys.items()}
 
 
 def device_of(link: jp.FloorLink) -> str:

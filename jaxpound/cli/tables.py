@@ -17,6 +17,7 @@ import jaxpound as jp
 from jaxpound._checks import Range
 from jaxpound.cli import reading
 from jaxpound.cli.reading import Count, Form, Section, between, named, of_field, refused, says
+from jaxpound.ground.supports import DISTANCE, VELOCITY
 from jaxpound.model.plausibility import FRICTION, GAP
 from jaxpound.model.shear_building import HEIGHT
 from jaxpound.scenarios.distributions import RARE, Distribution, reach
@@ -30,15 +31,14 @@ _Faces = Annotated[list[_Face], Meta(min_length=2, max_length=2)]
 Gaps = Annotated[Gap | _Faces, says(_FACES, GAP, alone=Gap)]
 Friction = Annotated[float, between(*FRICTION)]
 SampleInterval = Annotated[float, between(1e-6, 10, "s", "a sample interval")]
-_DISTANCES = Range(0, 1e5, "m", "from where the wave comes from")
-_Distance = Annotated[float, between(*_DISTANCES)]
-_Distances = Annotated[list[_Distance], says(f"a list of numbers {_DISTANCES.rule}", min_length=1)]
+_Distance = Annotated[float, between(*DISTANCE)]
+_Distances = Annotated[list[_Distance], says(f"a list of numbers {DISTANCE.rule}", min_length=1)]
 
 
 class WaveSection(Section):
     """A wave that travels along supports: its velocity, and the distance of each support."""
 
-    velocity: Annotated[float, between(1, 1e5, "m/s", "200 to 2,000 m/s is usual")]
+    velocity: Annotated[float, between(*VELOCITY)]
     distances: _Distances
 
     def __len__(self) -> int:

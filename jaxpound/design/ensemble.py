@@ -15,14 +15,7 @@ from jax.extend.core import Literal
 from jaxpound._checks import count, instance, require_memory
 from jaxpound._errors import InvalidInput
 from jaxpound.grid import TimeGrid
-from jaxpound.ground.motion import (
-    Ground,
-    GroundLike,
-    Sum,
-    as_motion,
-    records_in,
-    require_ground,
-)
+from jaxpound.ground.motion import Ground, GroundLike, Sum, as_motion, records_in, require_ground
 from jaxpound.ground.plausibility import first_of
 from jaxpound.ground.record import Record, derived
 from jaxpound.ground.run_input import all_in_g, all_sampled, sampled

@@ -91,8 +91,8 @@ class PoundingProbability(Checked):
         with the standard deviation s of the required gaps, taken as constant in the derivative.
     """
 
-    gap: float | None = parameter(least=0, single=True, optional=True, default=None)
-    width: float | None = parameter(above=0, single=True, optional=True, default=None)
+    gap: float | None = parameter(least=0, single=True, default=None)
+    width: float | None = parameter(above=0, single=True, default=None)
     size: ClassVar[float] = 1.0  # order of magnitude of the goal
 
     def __call__(self, gaps: jax.Array, initial_gaps: jax.Array) -> jax.Array:

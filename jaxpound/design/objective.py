@@ -44,11 +44,9 @@ class Limit(Checked):
     >>> objective = jp.Objective(jp.design.LeastDemand("damper_force"), limits=seldom)
     """
 
-    at_most: float | None = parameter(above=0, single=True, optional=True, default=None)
+    at_most: float | None = parameter(above=0, single=True, default=None)
     over: str | float = "worst"
-    probability: float | None = parameter(
-        above=0, below=1, single=True, optional=True, default=None
-    )
+    probability: float | None = parameter(above=0, below=1, single=True, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()

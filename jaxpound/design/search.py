@@ -95,7 +95,7 @@ class DesignSearch(Checked):
     iterations: int = parameter(whole=True, default=150)
     key: int = 0
     optimiser: GradientTransformation | None = None
-    batch: int | None = parameter(whole=True, optional=True, default=None)
+    batch: int | None = parameter(whole=True, default=None)
     patience: int = parameter(whole=True, default=40)
     tolerance: float = parameter(above=0, single=True, default=1e-4)
     limit_tolerance: float = parameter(above=0, single=True, default=1e-3)

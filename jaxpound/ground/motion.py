@@ -335,7 +335,7 @@ class Sum(_Combination):
         return sum(values)
 
     def _of_terms(self, convert: Callable[[GroundMotion], GroundMotion]) -> Sum:
-        return Sum(tuple(convert(ground) for ground in self._terms()))
+        return type(self)(tuple(convert(ground) for ground in self._terms()))
 
 
 @pytree_dataclass
@@ -357,9 +357,6 @@ class SupportMotions(Sum):
 
     def _combined(self, values: Sequence[Any]) -> Any:
         return values[0]
-
-    def _of_terms(self, convert: Callable[[GroundMotion], GroundMotion]) -> SupportMotions:
-        return SupportMotions(tuple(convert(ground) for ground in self._terms()))
 
 
 def _is_of_supports(ground: Any) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxpound._checks import Rule, as_tuple, enforce, finite, is_traced, number
+from jaxpound._checks import Range, Rule, as_tuple, enforce, is_traced, not_negative, number
 from jaxpound._errors import InvalidInput
 from jaxpound.ground.motion import (
     GroundLike,
@@ -18,6 +18,9 @@ from jaxpound.ground.motion import (
     by_supports,
     require_ground,
 )
+
+VELOCITY = Range(1, 1e5, "m/s", "200 to 2,000 m/s is usual")
+DISTANCE = Range(0, 1e5, "m", "from where the wave comes from")
 
 
 def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> Any:
@@ -57,17 +60,24 @@ def travelling(ground: GroundLike, velocity: Any, distances: Sequence[Any]) -> A
         return travels(velocity, distances)
     velocity = number("velocity", velocity)
     enforce([Rule("velocity", velocity, velocity > 0, "positive")])
-    for k, x in enumerate(distances):
-        distance = number(name := f"distances[{k}]", x)
-        enforce([Rule(name, distance, (distance >= 0) & finite(distance), "finite and ≥ 0")])
+    named = {f"distances[{k}]": x for k, x in enumerate(distances)}
+    not_negative(**{name: number(name, x) for name, x in named.items()})
     require_ground("ground", ground)
     if n_supports(ground):
         raise InvalidInput("ground", repr(ground), "must be one motion, not that of each support")
     motion = as_motion(ground)
     delays = [distance / velocity for distance in distances]
-    return SupportMotions(
-        tuple(ground if _is_zero(delay) else motion._later(delay) for delay in delays)
-    )
+    at_once = [not is_traced(delay) and bool(np.all(np.asarray(delay) == 0)) for delay in delays]
+    pairs = zip(delays, at_once, strict=True)
+    return SupportMotions(tuple(ground if now else motion._later(t) for t, now in pairs))
+
+
+def require_plausible_wave(velocity: Any, distances: Sequence[Any]) -> None:
+    """An ``InvalidInput`` for velocity or distances that are out of range in m/s and m."""
+    travelling(lambda t: 0.0 * t, velocity, distances)
+    enforce([DISTANCE.of(f"distances[{k}]", x) for k, x in enumerate(distances)])
+    if is_traced(velocity) or np.isfinite(velocity):
+        enforce([VELOCITY.of("velocity", velocity)])
 
 
 def at_support(ground: GroundLike, number: int) -> Any:
@@ -117,7 +127,3 @@ def _counts(ground: GroundLike) -> set[int]:
     terms = ground.grounds if isinstance(ground, Sum) else ()
     terms = (ground.ground,) if isinstance(ground, Scaled) else terms
     return {count for term in terms for count in _counts(term)}
-
-
-def _is_zero(delay: Any) -> bool:
-    return not is_traced(delay) and bool(np.all(np.asarray(delay) == 0))

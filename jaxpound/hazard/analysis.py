@@ -40,7 +40,7 @@ from jaxpound.ground.record import Record, derived, stacked
 from jaxpound.ground.run_input import require_time_unit
 from jaxpound.ground.sequences import sequence
 from jaxpound.ground.suite import RecordSuite, as_suite
-from jaxpound.ground.supports import travelling
+from jaxpound.ground.supports import require_plausible_wave, travelling
 from jaxpound.model.system import common_gap, without_contact
 from jaxpound.results import named
 from jaxpound.results.named import OVERLAP, REQUIRED_GAP, DemandSpec
@@ -127,6 +127,8 @@ class Analysis:
         if self.mainshock is not None:
             require_ground("mainshock", self.mainshock)
             require_time_unit("mainshock", self.mainshock, si=True)
+        if self._wave:
+            require_plausible_wave(**self._wave)
         grid, n = self.time_grid, len(self.suite)
         structures = self.run_structures
         require_stable(structures, self.scheme, grid.dt)
@@ -313,7 +315,7 @@ class SuiteRuns:
             search = "runs of a suite", _COLUMNS, _ROWS, program_digest(analysis.value, 0, 1.0)
             inputs: Any = {"demand": analysis.event[0], "records": stacked([*analysis.suite])}
             inputs |= {"structures": analysis.run_structures, "grid": analysis.time_grid}
-            inputs |= analysis._wave
+            inputs |= {name: np.asarray(x, float) for name, x in analysis._wave.items()}
             if analysis.mainshock is not None:
                 inputs |= {"mainshock": analysis.mainshock, "rest": analysis.rest}
             self._log = RunLog(store, identity(*search, **inputs, scheme=analysis.scheme))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import NoneType
 from typing import Any
 
 import jax
@@ -63,11 +62,13 @@ class Building(BatchInSI):
 
     mass: Any = parameter("m", words="mass", above=0, within=_MASS)
     stiffness: Any = parameter("k", words="stiffness", above=0, within=_STIFFNESS)
-    order: Any = like(ZenerRod, "order", _ORDER, optional=True, default=None)
-    tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION, optional=True, default=None)
-    tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION, optional=True, default=None)
-    hysteresis: Any = part(HysteresisLaw, NoneType, traced=True, default=None)
-    dashpot: Any = like(Dashpot, "coefficient", COEFFICIENT, optional=True, default=None)
+    order: Any = like(ZenerRod, "order", _ORDER, default=None)
+    tau_f: Any = like(ZenerRod, "tau_f", _RELAXATION, default=None)
+    tau_x: Any = like(ZenerRod, "tau_x", _RELAXATION, default=None)
+    hysteresis: Any = part(HysteresisLaw, traced=True, default=None)
+    dashpot: Any = like(Dashpot, "coefficient", COEFFICIENT, default=None)
+    n_floors, n_ends, n_tuned, n_bearings = 1, 1, 0, 0  # as a ``ShearBuilding`` has them
+    footing = None
 
     def __post_init__(self) -> None:
         stated = [name for name in ROD if getattr(self, name) is not None]
@@ -154,6 +155,11 @@ class Building(BatchInSI):
         below = (1 + tau_f * c) ** 2 + (tau_f * s) ** 2
         storage = (1 + (tau_x + tau_f) * c + tau_x * tau_f * size**2) / below
         return cls(mass, mass * omega**2 / storage, order, tau_f, tau_x)
+
+    @property
+    def storeys(self) -> tuple[Building, ...]:
+        """Its only storey, the building itself."""
+        return (self,)
 
     def zener(self, frequency: Any = 1.0) -> ZenerRod:
         """The fractional rod with relaxation times in units of 1/frequency^order; rad/s."""

@@ -62,12 +62,10 @@ class Column(Batch):
     rigidity: Any = parameter("EI", "rigidity", "flexural rigidity", above=0, within=_RIGIDITY)
     ends: str = static(default="fixed")
     capacity: Any = parameter(
-        "V", "force", "shear capacity", above=0, within=_CAPACITY, optional=True, default=None
+        "V", "force", "shear capacity", above=0, within=_CAPACITY, default=None
     )
-    position: Any = parameter(
-        r"\xi", words="position of impact", above=0, below=1, optional=True, default=None
-    )
-    height: Any = parameter("l", "length", "storey height", above=0, optional=True, default=None)
+    position: Any = parameter(r"\xi", words="position of impact", above=0, below=1, default=None)
+    height: Any = parameter("l", "length", "storey height", above=0, default=None)
     side: str | None = static(default=None)
 
     def __post_init__(self) -> None:

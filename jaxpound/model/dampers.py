@@ -81,7 +81,7 @@ class Dashpot(Batch):
 
 @pytree_dataclass
 class MatrixDashpot(Dashpot):
-    """A dashpot of a damping matrix of a building; where only all dissipate it may be negative."""
+    """A dashpot of a damping matrix: it may be negative, as only the sum of all must dissipate."""
 
     coefficient: Any = parameter("c", "damping", "coefficient")
 

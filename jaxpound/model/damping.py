@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import jax.numpy as jnp
@@ -10,7 +11,8 @@ import numpy as np
 
 from jaxpound._checks import Range, as_tuple, is_traced, is_whole
 from jaxpound._errors import InvalidInput
-from jaxpound._fields import BatchInSI, parameter, pytree_dataclass, static
+from jaxpound._fields import BatchInSI, parameter, pytree_dataclass, static, unchecked
+from jaxpound.model.dampers import Dashpot, MatrixDashpot
 from jaxpound.model.structures import storey_ends
 from jaxpound.model.topology import GROUND, Ends
 
@@ -48,12 +50,10 @@ class Rayleigh(BatchInSI):
     [0.05, 0.05, 0.0653, 0.0766]
     """
 
-    ratio: Any = parameter(
-        r"\zeta", words="damping ratio", least=0, within=_RATIO, optional=True, default=None
-    )
+    ratio: Any = parameter(r"\zeta", words="damping ratio", least=0, within=_RATIO, default=None)
     modes: tuple[int, int] = static(default=_MODES)
-    mass: Any = parameter(r"\alpha", least=0, within=_OF_MASS, optional=True, default=None)
-    stiffness: Any = parameter(r"\beta", least=0, within=_OF_STIFFNESS, optional=True, default=None)
+    mass: Any = parameter(r"\alpha", least=0, within=_OF_MASS, default=None)
+    stiffness: Any = parameter(r"\beta", least=0, within=_OF_STIFFNESS, default=None)
 
     def __post_init__(self) -> None:
         modes = as_tuple("modes", self.modes)
@@ -88,11 +88,11 @@ class Rayleigh(BatchInSI):
         return beta * first * second, beta
 
     def dashpots(self, masses: Sequence[Any], stiffnesses: Sequence[Any]) -> list[tuple[Ends, Any]]:
-        """Ends by floor, from 0, and coefficient, N s/m, of what it is in such a building."""
+        """Ends by floor, from 0, and material of what it is in such a building."""
         alpha, beta = self.coefficients(masses, stiffnesses)
         pairs = enumerate(zip(masses, stiffnesses, strict=True))
         both = ([((i, GROUND), alpha * m), (storey_ends(i), beta * k)] for i, (m, k) in pairs)
-        return [dashpot for dashpots in both for dashpot in dashpots]
+        return [(ends, unchecked(Dashpot, coefficient=c)) for ends, c in chain(*both)]
 
 
 @pytree_dataclass
@@ -123,10 +123,11 @@ class ModalDamping(BatchInSI):
     ratios: Any = parameter(r"\zeta", words="damping ratio", least=0, within=_RATIO, each=True)
 
     def __post_init__(self) -> None:
-        ratios = self.ratios if isinstance(self.ratios, list | tuple) else (self.ratios,)
-        object.__setattr__(self, "ratios", tuple(ratios))
+        is_single = not isinstance(self.ratios, Sequence) and np.ndim(self.ratios) == 0
+        ratios = (self.ratios,) if is_single else as_tuple("ratios", self.ratios)
         if not ratios:
             raise InvalidInput("ratios", "()", "must hold at least one")
+        object.__setattr__(self, "ratios", ratios)
         super().__post_init__()
 
     def require_modes(self, n: int) -> None:
@@ -136,20 +137,15 @@ class ModalDamping(BatchInSI):
             raise InvalidInput(f"ratios, {count} of them,", "", rule)
 
     def dashpots(self, masses: Sequence[Any], stiffnesses: Sequence[Any]) -> list[tuple[Ends, Any]]:
-        """Ends by floor, from 0, and coefficient, N s/m, of what it is in such a building.
-
-        A coefficient may be negative: only all of them together dissipate.
-        """
+        """Ends by floor, from 0, and material of what it is in such a building."""
         n, (frequencies, shapes) = len(masses), normal_modes(masses, stiffnesses)
-        moving = [[masses[i] * shapes[..., i, mode] for mode in range(n)] for i in range(n)]
-        ratios = self.ratios * (n // len(self.ratios))
-        sizes = [2 * ratio * frequencies[..., mode] for mode, ratio in enumerate(ratios)]
-        matrix = [
-            [sum(a * b * size for a, b, size in zip(x, y, sizes, strict=True)) for x in moving]
-            for y in moving
-        ]
-        to_ground = [((i, GROUND), sum(row)) for i, row in enumerate(matrix)]
-        return to_ground + [((i, j), -matrix[i][j]) for i in range(n) for j in range(i)]
+        xp: Any = jnp if is_traced((self.ratios, frequencies)) else np
+        moving = xp.stack(masses, -1)[..., None] * shapes
+        sizes = 2 * xp.stack(self.ratios, -1) * frequencies
+        matrix = (moving * sizes[..., None, :]) @ xp.swapaxes(moving, -1, -2)
+        pairs = [((i, GROUND), matrix[..., i, :].sum(-1)) for i in range(n)]
+        pairs += [((i, j), -matrix[..., i, j]) for i in range(n) for j in range(i)]
+        return [(ends, unchecked(MatrixDashpot, coefficient=c)) for ends, c in pairs]
 
 
 def normal_modes(masses: Sequence[Any], stiffnesses: Sequence[Any]) -> tuple[Any, Any]:
@@ -160,9 +156,10 @@ def normal_modes(masses: Sequence[Any], stiffnesses: Sequence[Any]) -> tuple[Any
     xp: Any = jnp if is_traced((masses, stiffnesses)) else np
     numbers = xp.stack(xp.broadcast_arrays(*masses, *stiffnesses), -1)
     m, k = numbers[..., : len(masses)], numbers[..., len(masses) :]
-    above, unit = xp.concatenate([k[..., 1:], 0 * k[..., :1]], -1), xp.eye(len(masses))
-    scale = 1 / xp.sqrt(m)
-    coupling = (-above * scale * xp.roll(scale, -1, -1))[..., None] * xp.eye(len(masses), k=1)
-    diagonal = ((k + above) * scale**2)[..., None] * unit
+    above, scale = xp.concatenate([k[..., 1:], 0 * k[..., :1]], -1), 1 / xp.sqrt(m)
+    main, upper = (xp.eye(len(masses), k=offset, dtype=m.dtype) for offset in (0, 1))
+    diagonal = ((k + above) * scale**2)[..., None] * main
+    coupling = (-above * scale * xp.roll(scale, -1, -1))[..., None] * upper
     squares, vectors = xp.linalg.eigh(diagonal + coupling + xp.swapaxes(coupling, -1, -2))
-    return xp.sqrt(squares), scale[..., None] * vectors
+    least = float(xp.finfo(squares.dtype).eps) * squares[..., -1:]  # what rounding leaves of it
+    return xp.sqrt(xp.where(squares > least, squares, least)), scale[..., None] * vectors

@@ -16,6 +16,9 @@ from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.soil import Footing, Soil
 from jaxpound.model.system import Rod
 
+FOOTING_NAMES = {"mass": "footing_mass", "inertia": "footing_inertia"}
+"""Numbers of a ``Footing`` that have another name beside those of a building."""
+
 _MOST_SHARED = 0.5  # of the stiffness of a footing
 
 
@@ -81,9 +84,8 @@ def on_soil(
     frame = _with_height(building, height)
     if frame.footing is not None:
         raise InvalidInput("building", "", "must not be on soil already")
-    stated = {"mass": "footing_mass", "inertia": "footing_inertia"}
-    names = stated | {f"footing.{key}": name for key, name in stated.items()}
-    with renamed(names=names):
+    names = {f"footing.{key}": name for key, name in FOOTING_NAMES.items()}
+    with renamed(names=FOOTING_NAMES | names):
         footing = Footing(soil, footing_mass, inertia=footing_inertia, **shape)
         return dataclasses.replace(frame, footing=footing)
 

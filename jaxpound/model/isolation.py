@@ -62,10 +62,8 @@ class FrictionPendulum(BatchInSI):
 
     radius: Any = parameter("R", above=0, within=_RADIUS)
     friction: Any = parameter(r"\mu", least=0, within=_FRICTION)
-    fast_friction: Any = parameter(
-        r"\mu_f", least="friction", within=_FRICTION, optional=True, default=None
-    )
-    rate: Any = parameter("a", above=0, within=RATE, optional=True, default=None)
+    fast_friction: Any = parameter(r"\mu_f", least="friction", within=_FRICTION, default=None)
+    rate: Any = parameter("a", above=0, within=RATE, default=None)
     ultimate_displacement: Any = parameter("e_u", above=0, finite=False, default=np.inf)
 
     def __post_init__(self) -> None:
@@ -252,8 +250,8 @@ def on_bearings(
     with renamed(names={"mass": "base_mass", "heights.0": "height"}):
         base = bearing.storey(base_mass, weight, gravity)
         storeys, heights = (base, *above.storeys), (height, *above.heights)
-        counts = above.n_tuned, above.damping, above.n_bearings + 1
-        on_bearings = ShearBuilding(storeys, heights, *counts)
+        n = above.n_bearings + 1
+        on_bearings = replace(above, storeys=storeys, heights=heights, n_bearings=n)
     between = bearing.between(weight)
     link = wall.link if wall else partial(FloorLink, floor=0, next_building=GROUND)
     higher = [

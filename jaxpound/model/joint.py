@@ -38,15 +38,12 @@ class Joint(NamedTuple):
 
 def joints(system: System) -> tuple[Joint, ...]:
     """The joints of a system, in the order of their links."""
-    opposite = {first: other for other, first in faces(system.topology).items()}
-
-    def other_face(link: int) -> list[Face]:
-        return [Face(opposite[link], -1)] if link in opposite else []
-
+    first = faces(system.topology)
+    opposite = {k: (Face(other, -1),) for other, k in first.items()}
     return tuple(
-        Joint(weighted(link), moving_ends(link), (Face(k, 1), *other_face(k)))
+        Joint(weighted(link), moving_ends(link), (Face(k, 1), *opposite.get(k, ())))
         for k, link in enumerate(system.links)
-        if k not in opposite.values()
+        if k not in first
     )
 
 

@@ -7,8 +7,8 @@ compares numbers with each other, floor by floor. It skips traced numbers and ba
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import numpy as np
@@ -80,34 +80,30 @@ def doubts(buildings: Buildings) -> list[str]:
     system = buildings.system()
     if (floors := _Floors.of(buildings, system)) is None:
         return []
-    links = [*zip(link_places(system.topology), system.links, strict=True)]
+    places = [f"link {place}" for place in link_places(system.topology)]
+    links = [*zip(places, system.links, strict=True)]
     soil = on_soil(system.topology)  # no storey of its own says how footings move
     between_floors = [x for x in links if not soil & {*_two_masses(x[1].ends)}]
-    slips, contacts, widths = (
-        [finding_in(f"link {place}", link, floors) for place, link in judged]
-        for finding_in, judged in (
-            (_slip, links),
-            (_touching, between_floors),
-            (_width, between_floors),
-        )
-    )
     findings = [
         *floors.doubts(),
         *_undamped(buildings),
         *_light_footing(buildings),
         *_first(floors.strengths),
-        *_first(slips),
-        *_first(contacts),
+        *_first(_slip(*x, floors) for x in links),
+        *_first(_touching(*x, floors) for x in between_floors),
     ]
     # The size of masses is for those in which nothing else asks for their unit.
-    return (findings or floors.size()) + _first(widths)
+    return (findings or floors.size()) + _first(_width(*x, floors) for x in between_floors)
 
 
 def _undamped(buildings: Buildings) -> list[str]:
     """A finding for the first building in which nothing takes energy."""
     for number, building in enumerate(buildings.buildings, 1):
-        storeys: Any = getattr(building, "storeys", (building,))
-        rods = [x for storey in storeys for x in (storey.order, storey.hysteresis, storey.dashpot)]
+        rods = [
+            x
+            for storey in building.storeys
+            for x in (storey.order, storey.hysteresis, storey.dashpot)
+        ]
         if all(x is None for x in [*rods, getattr(building, "damping", None)]):
             return [
                 f"building {number} has no damping: damping=jp.Rayleigh(0.05), or order, tau_f and "
@@ -119,10 +115,9 @@ def _undamped(buildings: Buildings) -> list[str]:
 def _light_footing(buildings: Buildings) -> list[str]:
     """A finding for the first footing that is far lighter than what stands on it."""
     for number, building in enumerate(buildings.buildings, 1):
-        if (footing := getattr(building, "footing", None)) is None:
+        if (footing := building.footing) is None:
             continue
-        above: Any = building
-        least = LEAST_FOOTING * sum(storey.mass for storey in above.storeys)
+        least = LEAST_FOOTING * sum(storey.mass for storey in building.storeys)
         if footing.mass < least:
             return [
                 f"the footing of building {number} has a mass of {footing.mass:.4g} kg, "
@@ -296,6 +291,6 @@ def _two_masses(ends: AnyEnds) -> list[int]:
     return [end for end in two_ends(ends) if end > GROUND]
 
 
-def _first(findings: list[str]) -> list[str]:
+def _first(findings: Iterable[str]) -> list[str]:
     """The first finding that is not empty; links often repeat the same one."""
     return list(filter(None, findings))[:1]

@@ -19,7 +19,7 @@ from jaxpound.model.column import Column
 from jaxpound.model.contact import ContactLaw, KelvinVoigt, Newton
 from jaxpound.model.dampers import Inerter, VelocityFriction
 from jaxpound.model.places import TUNED, column_place, homes, link_place
-from jaxpound.model.shear_building import ShearBuilding, storeys_of
+from jaxpound.model.shear_building import ShearBuilding
 from jaxpound.model.structures import Storeys
 from jaxpound.model.system import (
     RING,
@@ -110,7 +110,7 @@ class FloorLink:
     velocity_friction: VelocityFriction | None = like(Link, "velocity_friction", default=None)
     inerter: Inerter | None = like(Link, "inerter", default=None)
     side: str = static(default="right")
-    column: Column | None = part(Column, NoneType, default=None, listed=bool)
+    column: Column | None = part(Column, default=None, listed=bool)
 
     def __post_init__(self) -> None:
         require_one_of(self.side, ("right", "left"), "side")
@@ -460,8 +460,7 @@ def checked_floors(topology: Topology | None, gaps: Sequence[Any]) -> str:
 def common_floors(left: Any, right: Any) -> list[tuple[int, int]]:
     """Floors of two buildings that meet: of equal number or, where heights are known, height."""
     if not (isinstance(left, ShearBuilding) and isinstance(right, ShearBuilding)):
-        counts = (getattr(building, "n_floors", 1) for building in (left, right))
-        return [(i, i) for i in range(min(counts))]
+        return [(i, i) for i in range(min(left.n_floors, right.n_floors))]
     heights = [building.heights[: building.n_floors] for building in (left, right)]
     slab = np.minimum(_SLAB, np.minimum.outer(*heights) / 4)
     apart = np.abs(np.subtract.outer(left.elevations, right.elevations))
@@ -599,39 +598,26 @@ def require_heights(
 
     Also for one between a tuned mass and that, or the footing, of a neighbour.
     """
-    _require_no_tuned_pair(buildings, links, labels)
-    for k, link in enumerate(links):
-        at_any_height = link.next_floor is not None or link.column is not None
-        if at_any_height or link.other_building <= GROUND or link.other_building == link.building:
-            continue
-        left, right = buildings[link.building], buildings[link.other_building]
-        if (link.floor, link.other_floor) not in common_floors(left, right):
-            ends = (left, link.floor), (right, link.other_floor)
-            if all(floor == len(storeys_of(building)) for building, floor in ends):
-                continue  # footings
-            low, high = (np.append(np.cumsum(x.heights), 0.0)[floor] for x, floor in ends)
-            rule = "must be at one height; next_floor says which floor is meant where none is"
-            raise labels.invalid(k, f"{link}, at {low:g} m and {high:g} m,", "", rule)
-
-
-def _require_no_tuned_pair(
-    buildings: Sequence[Any], links: Sequence[FloorLink], labels: LinkLabels
-) -> None:
-    """An ``InvalidInput`` for a link of a tuned mass to that, or the footing, of a neighbour."""
     for k, link in enumerate(links):
         if link.other_building <= GROUND or link.other_building == link.building:
             continue
-        ends = (link.building, link.floor), (link.other_building, link.other_floor)
-        counts = [len(storeys_of(buildings[b])) for b, _ in ends]
-        roofs = [
-            n - getattr(buildings[b], "n_tuned", 0) for (b, _), n in zip(ends, counts, strict=True)
-        ]
-        above = all(floor >= roof for (_, floor), roof in zip(ends, roofs, strict=True))
-        if above and [floor for _, floor in ends] != counts:
+        left, right = buildings[link.building], buildings[link.other_building]
+        ends = (left, link.floor), (right, link.other_floor)
+        if all(floor == len(building.storeys) for building, floor in ends):
+            continue  # footings
+        if all(floor >= building.n_floors for building, floor in ends):
+            numbers = link.building + 1, link.other_building + 1
             footings = [
-                f"; the footing of building {b + 1} is floor {n + labels.first}"
-                for (b, _), n in zip(ends, counts, strict=True)
-                if getattr(buildings[b], "footing", None) is not None
+                f"; the footing of building {b} is floor {len(building.storeys) + labels.first}"
+                for b, (building, _) in zip(numbers, ends, strict=True)
+                if building.footing is not None
             ]
             rule = "must not join a tuned mass to that, or the footing, of a neighbour"
             raise labels.invalid(k, f"{link},", "", rule + "".join(footings))
+        is_at_any_height = link.next_floor is not None or link.column is not None
+        if not is_at_any_height and (link.floor, link.other_floor) not in common_floors(
+            left, right
+        ):
+            low, high = (np.append(np.cumsum(x.heights), 0.0)[floor] for x, floor in ends)
+            rule = "must be at one height; next_floor says which floor is meant where none is"
+            raise labels.invalid(k, f"{link}, at {low:g} m and {high:g} m,", "", rule)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from types import NoneType
 from typing import Any
 
 import jax.numpy as jnp
@@ -14,6 +13,7 @@ from jaxpound import _checks
 from jaxpound._checks import (
     Range,
     Rule,
+    as_tuple,
     count,
     enforce,
     is_traced,
@@ -24,14 +24,14 @@ from jaxpound._checks import (
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, part, pytree_dataclass, static, unchecked
 from jaxpound.model.building import ORDER_BY_DEFAULT, ROD, Building
-from jaxpound.model.dampers import MatrixDashpot
+from jaxpound.model.dampers import Dashpot
 from jaxpound.model.damping import ModalDamping, Rayleigh, normal_modes
 from jaxpound.model.hysteresis import Bilinear
 from jaxpound.model.rod import Spring
 from jaxpound.model.soil import Footing, SoilEffect
 from jaxpound.model.strength import storey_shears, with_weight
 from jaxpound.model.structures import Storeys, require_storeys, storey_ends
-from jaxpound.model.system import Rod, as_tuple
+from jaxpound.model.system import Rod
 from jaxpound.model.topology import GROUND, Ends
 from jaxpound.model.vibration import Modes, first_frequency, modes
 from jaxpound.quantities import STANDARD_GRAVITY
@@ -93,9 +93,9 @@ class ShearBuilding:
     storeys: tuple[Building, ...] = part(Building, each=True)
     heights: tuple[float, ...] = static(default=3.0)
     n_tuned: int = static(default=0, listed=bool)
-    damping: Any = part(Rayleigh, ModalDamping, NoneType, default=None, listed=bool)
+    damping: Any = part(Rayleigh, ModalDamping, default=None, listed=bool)
     n_bearings: int = static(default=0, listed=bool)
-    footing: Footing | None = part(Footing, NoneType, default=None, listed=bool)
+    footing: Footing | None = part(Footing, default=None, listed=bool)
 
     def __post_init__(self) -> None:
         check(self)
@@ -377,6 +377,11 @@ class ShearBuilding:
         return len(self.storeys) - self.n_tuned
 
     @property
+    def n_ends(self) -> int:
+        """Number of masses that links may join: floors, tuned masses and a footing."""
+        return len(self.storeys) + (self.footing is not None)
+
+    @property
     def elevations(self) -> np.ndarray:
         """Height of each floor above the ground, m, shape (n_floors,)."""
         return np.cumsum(self.heights)[: self.n_floors]
@@ -422,35 +427,27 @@ def in_units(
     building: Building | ShearBuilding, mass: Any, stiffness: Any, frequency: Any, length: Any = 1.0
 ) -> Storeys:
     """A building in SI in units of a mass, kg, stiffness, N/m, frequency, rad/s, and length, m."""
-    storeys = storeys_of(building)
+    storeys = building.storeys
     numbers = [(s.material(frequency, length), s.stiffness / stiffness) for s in storeys]
-    rods = (unchecked(Rod, material=law, stiffness=k, ends=None) for law, k in numbers)
-    parts: dict[str, Any] = {"masses": tuple(s.mass / mass for s in storeys), "rods": tuple(rods)}
-    parts["n_tuned"], dashpots = getattr(building, "n_tuned", 0), _dashpots(building)
+    masses, dashpots = [s.mass / mass for s in storeys], _dashpots(building)
+    parts: dict[str, Any] = {"n_tuned": building.n_tuned}
     if isinstance(building, ShearBuilding) and (footing := building.footing) is not None:
         parts["heights"], n = building.heights, len(storeys)
-        parts["masses"] += footing.mass / mass, footing.rotational_inertia / mass  # of 1 m
+        masses += [footing.mass / mass, footing.rotational_inertia / mass]  # of 1 m
         springs = footing.sway_stiffness / stiffness, footing.rocking_stiffness / stiffness
-        parts["rods"] += tuple(
-            unchecked(Rod, material=Spring(), stiffness=k, ends=None) for k in springs
-        )
+        numbers += [(Spring(), k) for k in springs]
         radiation = footing.sway_damping, footing.rocking_damping
-        dashpots += [((n + x, GROUND), c) for x, c in enumerate(radiation)]
+        dashpots += [
+            ((n + x, GROUND), unchecked(Dashpot, coefficient=c)) for x, c in enumerate(radiation)
+        ]
+    rods = (unchecked(Rod, material=law, stiffness=k, ends=None) for law, k in numbers)
+    parts |= {"masses": tuple(masses), "rods": tuple(rods)}
     undamped = unchecked(Storeys, **parts, damping=())
-    materials = [unchecked(MatrixDashpot, coefficient=c / (mass * frequency)) for _, c in dashpots]
-    ends = [undamped.between(*ends) for ends, _ in dashpots]
-    damping = (unchecked(Rod, material=x, **y) for x, y in zip(materials, ends, strict=True))
+    unit, damping = mass * frequency, list[Rod]()
+    for ends, dashpot in dashpots:
+        material = unchecked(type(dashpot), coefficient=dashpot.coefficient / unit)
+        damping.append(unchecked(Rod, material=material, **undamped.between(*ends)))
     return unchecked(Storeys, **parts, damping=tuple(damping))
-
-
-def storeys_of(building: Building | ShearBuilding) -> tuple[Building, ...]:
-    """The storeys of a building, tuned masses too; a ``Building`` is its only storey."""
-    return (building,) if isinstance(building, Building) else building.storeys
-
-
-def n_ends(building: Building | ShearBuilding) -> int:
-    """Number of masses of a building that links may join: floors, tuned masses and a footing."""
-    return len(storeys_of(building)) + (getattr(building, "footing", None) is not None)
 
 
 def _first_that_vibrates(modes: Modes) -> tuple[float, float]:
@@ -462,16 +459,16 @@ def _first_that_vibrates(modes: Modes) -> tuple[float, float]:
 
 
 def _dashpots(building: Building | ShearBuilding) -> list[tuple[Ends, Any]]:
-    """Ends by floor, from 0, and coefficient, N s/m, of the dashpots in a building."""
+    """Ends by floor, from 0, and material of the dashpots in a building, in N s/m."""
     dashpots = [
-        (storey_ends(i), storey.dashpot)
-        for i, storey in enumerate(storeys_of(building))
+        (storey_ends(i), unchecked(Dashpot, coefficient=storey.dashpot))
+        for i, storey in enumerate(building.storeys)
         if storey.dashpot is not None
     ]
     if isinstance(building, ShearBuilding) and building.damping is not None:
         first = building.n_bearings
         inherent = building.damping.dashpots(*building._above_bearings())
-        dashpots += [((first + i, first + j), c) for (i, j), c in inherent]  # GROUND is below 0
+        dashpots += [((first + i, first + j), x) for (i, j), x in inherent]  # GROUND is below 0
     return dashpots
 
 

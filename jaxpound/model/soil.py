@@ -102,21 +102,18 @@ class Footing(BatchInSI):
 
     soil: Soil = part(Soil)
     mass: Any = parameter("m_f", above=0, within=_MASS, why=_MASSLESS)
-    radius: Any = parameter("r", above=0, within=_SIZE, optional=True, default=None)
-    length: Any = parameter("L", above=0, within=_SIZE, optional=True, default=None)
-    width: Any = parameter("B", above=0, within=_SIZE, optional=True, default=None)
-    embedment: Any = parameter("D", least=0, within=_DEPTH, optional=True, default=None)
-    inertia: Any = parameter(
-        "I_f", above=0, within=_INERTIA, optional=True, default=None, why=_MASSLESS
-    )
+    radius: Any = parameter("r", above=0, within=_SIZE, default=None)
+    length: Any = parameter("L", above=0, within=_SIZE, default=None)
+    width: Any = parameter("B", above=0, within=_SIZE, default=None)
+    embedment: Any = parameter("D", least=0, within=_DEPTH, default=None)
+    inertia: Any = parameter("I_f", above=0, within=_INERTIA, default=None, why=_MASSLESS)
 
     def __post_init__(self) -> None:
-        sides = {"length": self.length, "width": self.width}
-        for name, value in sides.items():
-            if (value is None) == (self.radius is None):
-                rule = "must be left out beside radius" if value is not None else "must be stated, "
-                rule += "" if value is not None else "or radius: a rectangle has both sides"
-                raise InvalidInput(name, str(value), rule)
+        for name in ("length", "width"):
+            if ((side := getattr(self, name)) is None) == (self.radius is None):
+                rule = "must be stated, or radius: a rectangle has both sides"
+                rule = rule if side is None else "must be left out beside radius"
+                raise InvalidInput(name, str(side), rule)
         if self.embedment is not None and self.radius is not None:
             rule = "must be left out beside radius: it is that of a rectangle"
             raise InvalidInput("embedment", str(self.embedment), rule)
@@ -128,12 +125,11 @@ class Footing(BatchInSI):
         Or of less inertia than a thin plate of the lightest footing has.
         """
         least = _LIGHTEST * sum(masses)
-        says = f"at least {_LIGHTEST:g} times the mass of floors and tuned masses ({_MASSLESS})"
-        rules = [Rule("footing.mass", self.mass, self.mass >= least, says)]
+        share = f"{_LIGHTEST:g} times the mass of floors and tuned masses ({_MASSLESS})"
+        rules = [Rule("footing.mass", self.mass, self.mass >= least, f"at least {share}")]
         if self.inertia is not None:
             plate = least * self.second_moment / self.area
-            says = f"at least that of a thin plate of {_LIGHTEST:g} times the mass of floors and "
-            says += f"tuned masses ({_MASSLESS})"
+            says = f"at least that of a thin plate of {share}"
             rules.append(Rule("footing.inertia", self.inertia, self.inertia >= plate, says))
         enforce(rules)
 

@@ -12,13 +12,11 @@ import itertools
 import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from types import NoneType
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from jaxpound._checks import Rule, finite, is_traced, is_whole, number, real
-from jaxpound._checks import as_tuple as as_tuple
+from jaxpound._checks import Rule, as_tuple, finite, is_traced, is_whole, number, real
 from jaxpound._errors import InvalidInput, renamed
 from jaxpound._fields import check, parameter, part, pytree_dataclass, static, unchecked
 from jaxpound.model.column import Column
@@ -66,7 +64,7 @@ class Rod:
     material: Any = part(
         ZenerRod, Spring, YieldingZener, PowerLaw, Dashpot, HysteresisLaw, traced=True
     )
-    stiffness: Any = parameter("K", "stiffness", "stiffness", above=0, optional=True, default=None)
+    stiffness: Any = parameter("K", "stiffness", "stiffness", above=0, default=None)
     ends: AnyEnds | None = static(default=None)
     weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
 
@@ -123,14 +121,12 @@ class Link:
     gap: Any = parameter(
         r"\xi_0", "length", "gap at rest", least=0, finite=False, usual=(0, 3), default=np.inf
     )
-    contact: ContactLaw | Newton | None = part(
-        ContactLaw, Newton, NoneType, traced=True, default=None
-    )
-    damper: Rod | None = part(Rod, NoneType, default=None)
-    velocity_friction: VelocityFriction | None = part(VelocityFriction, NoneType, default=None)
-    inerter: Inerter | None = part(Inerter, NoneType, default=None)
+    contact: ContactLaw | Newton | None = part(ContactLaw, Newton, traced=True, default=None)
+    damper: Rod | None = part(Rod, default=None)
+    velocity_friction: VelocityFriction | None = part(VelocityFriction, default=None)
+    inerter: Inerter | None = part(Inerter, default=None)
     weights: tuple[Any, ...] = parameter("w", words="weight", each=True, default=())
-    column: Column | None = part(Column, NoneType, default=None, listed=bool)
+    column: Column | None = part(Column, default=None, listed=bool)
 
     def __post_init__(self) -> None:
         _set_ends(self)
@@ -273,13 +269,11 @@ class System:
     """The unit of each kind of quantity, such as ``units["force"]``; of ``Buildings`` in SI."""
 
     def __post_init__(self) -> None:
-        for name in ("masses", "rods", "links", "influence", "damping"):
-            object.__setattr__(self, name, as_tuple(name, getattr(self, name)))
-        links = [link.faces() if isinstance(link, Link) else (link,) for link in self.links]
-        kept, dampers = without_dampers(itertools.chain(*links))
+        check(self)
+        kept, dampers = without_dampers(itertools.chain(*(link.faces() for link in self.links)))
         object.__setattr__(self, "links", kept)
         object.__setattr__(self, "rods", self.rods + dampers)
-        check(self)
+        object.__setattr__(self, "influence", as_tuple("influence", self.influence))
         for name in ("rods", "damping"):
             for k, rod in enumerate(getattr(self, name)):
                 if rod.ends is None:
@@ -463,11 +457,11 @@ def without_dampers(links: Iterable[Any]) -> tuple[tuple[Any, ...], tuple[Rod, .
     """Links without their dampers, and these as rods."""
     kept, rods = list[Any](), list[Rod]()
     for link in links:
-        if damper := getattr(link, "damper", None):
+        if damper := link.damper:
             if damper.weights or damper.ends not in (None, link.ends):
                 rule = f"must be left out, or those of the link, {link.ends}"
                 raise InvalidInput("damper.ends", str(damper.ends), rule)
-            ends = {"ends": link.ends, "weights": getattr(link, "weights", ())}
+            ends = {"ends": link.ends, "weights": link.weights}
             rods += [unchecked(Rod, **vars(rod) | ends) for rod in in_parallel(damper)]
             link = replace(link, damper=None)
         kept.append(link)

@@ -113,9 +113,9 @@ def series_of(system: System, demand: Any, pounding: bool) -> tuple[Series, ...]
             if is_closable(links[k].gap) and not (by_impacts and links[k].contact is None)
         )
     if field == "peak_opening":
-        opening = zip(link_places(topology), -closings, strict=True)
-        each = [Series(f"opening, {place}", row) for place, row in opening]
-        return tuple(each[k] for k in elements("links", m))
+        joints = [k for k in elements("links", m) if is_closable(links[k].gap)]
+        places = link_places(topology)
+        return tuple(Series(f"opening, {places[k]}", -closings[k]) for k in joints)
     drifts = [along(moving_ends(rod), [*displacements]) for rod in system.rods]
     factors: dict[str, tuple[str, str, tuple[str, ...], Any, str]] = {
         "peak_drift": ("drift", "rods", rods, drifts, "length"),

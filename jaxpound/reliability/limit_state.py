@@ -88,7 +88,7 @@ class LimitState:
     grid: TimeGrid = part(TimeGrid)
     scheme: Scheme = part(Scheme, default=Scheme())
     demand: DemandSpec = REQUIRED_GAP
-    threshold: float | None = parameter(single=True, optional=True, default=None)
+    threshold: float | None = parameter(single=True, default=None)
     changes: Mapping[str, float] = part(Mapping, default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from os import PathLike
 from pathlib import Path
-from types import NoneType
 
 import jax
 from tqdm.auto import tqdm
@@ -49,8 +48,8 @@ class EventSearch(Checked):
     """
 
     method: str = "auto"
-    start: RareEvent | None = part(RareEvent, NoneType, default=None)
-    max_runs: int | None = parameter(whole=True, optional=True, default=None)
+    start: RareEvent | None = part(RareEvent, default=None)
+    max_runs: int | None = parameter(whole=True, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -106,9 +106,11 @@ class LinkDemand:
         24, None, "shear of the column over its capacity", only="capacity"
     )
     """``peak_column_shear`` over the column's capacity; None without one."""
-    peak_opening: Any = _column(25, "length", "largest opening", only="supports")
-    """Largest gap less the gap at rest, by which a deck may lose its seat, 0 where it never opens.
-    None where no supports move apart."""
+    peak_opening: Any = _column(
+        25, "length", "largest opening beyond the gap at rest", only="supports"
+    )
+    """Largest gap of a joint less that at rest, by which a deck may lose its seat; 0 where it never
+    opens, and of a link without a gap. None where no supports move apart."""
     soft_peak_contact: Any = _contact(
         17, "force", "soft maximum of the impacts' peak forces", "* force"
     )

@@ -188,7 +188,9 @@ def _present(system: System) -> dict[str, list[bool]]:
         "contact": [link.contact is not None for link in system.links],
         "column": [link.column is not None and link.contact is not None for link in system.links],
         "capacity": [getattr(link.column, "capacity", None) is not None for link in system.links],
-        "supports": [system.topology.n_supports > 0] * len(system.links),
+        "supports": [
+            system.topology.n_supports > 0 and is_closable(link.gap) for link in system.links
+        ],
         "yielding": [hysteresis_of(rod.material) is not None for rod in system.rods],
         "storey": [is_storey(ends) for ends in system.topology.rods],
     }
@@ -270,7 +272,7 @@ def value_of(system: System, demand: Demand, spec: DemandSpec) -> Any:
 
 _NEEDED = {"contact": "a contact law", "yielding": "a rod that yields"}
 _NEEDED |= {"column": "contact at a column", "capacity": "contact at a column with a capacity"}
-_NEEDED |= {"supports": "links, on supports that move apart"}
+_NEEDED |= {"supports": "a gap, on supports that move apart"}
 
 
 def require_limited(name: Any, place: str) -> None:

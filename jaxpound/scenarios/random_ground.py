@@ -9,7 +9,6 @@ import dataclasses
 import math
 from collections import Counter
 from collections.abc import Sequence
-from types import NoneType
 from typing import Any
 
 import jax.numpy as jnp
@@ -26,7 +25,7 @@ from jaxpound.ground.supports import travelling
 from jaxpound.ground.wavelets import Pulse, Ricker
 from jaxpound.model.parameters import SMALLEST
 from jaxpound.scenarios.distributions import Distribution, TwoSided, require_inside, truncated
-from jaxpound.scenarios.scenarios import NUMBER_BYTES, Composed, CustomDraw, Draw
+from jaxpound.scenarios.scenarios import NUMBER_BYTES, Composed, Draw
 
 # Kinds of quantity of a wavelet's parameters, whose names end with its number, as in ``period_2``.
 WAVELET_KINDS = {"amplitude": "length", "period": "time", "arrival": "time"}
@@ -124,22 +123,48 @@ class SumOfDraws(Composed, GroundDraw):
         return [unit for unit in units if unit]
 
 
-def _number_drawn(x: Any) -> Any:
-    """A number, or the draw of a ``Distribution``, of one standard normal number."""
-    if not isinstance(x, Distribution):
-        return x
-    return CustomDraw(lambda z: x.from_normal(z[0]), 1)
+@dataclasses.dataclass(frozen=True)
+class _NumberDraw(Draw):
+    """A number of a ``Distribution``, and its name among the parameters."""
+
+    name: str
+    distribution: Distribution
+    dimension = 1
+
+    def draw(self, z: Float[Array, " d"]) -> Any:
+        return self.distribution.from_normal(z[0])
+
+    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
+        return {self.name: self.draw(z)}
+
+
+def _number(name: str, x: Any) -> Any:
+    return _NumberDraw(name, x) if isinstance(x, Distribution) else x
 
 
 @dataclasses.dataclass(frozen=True)
-class ScaledDraw(Composed, GroundDraw):
+class _ChangedDraw(Composed, GroundDraw):
+    """A random ground motion that is changed."""
+
+    ground: Any
+
+    @property
+    def time_unit(self) -> str | None:  # type: ignore[override]
+        """Unit of time of the ground motion."""
+        return getattr(self.ground, "time_unit", None)
+
+    def _parts(self) -> tuple[Any, ...]:
+        return (self.ground,)
+
+
+@dataclasses.dataclass(frozen=True)
+class ScaledDraw(_ChangedDraw):
     """A random ground motion times a factor, which is fixed or drawn.
 
     The factor is a finite number, or a ``Distribution``, which takes one more standard normal
     number, the last; the parameter ``scale``. Others raise ``ValueError``.
     """
 
-    ground: Draw
     factor: Any
 
     def __post_init__(self) -> None:
@@ -149,35 +174,23 @@ class ScaledDraw(Composed, GroundDraw):
             enforce([Rule("factor", factor, finite(factor), "finite")])
             object.__setattr__(self, "factor", factor)
 
-    @property
-    def time_unit(self) -> str | None:  # type: ignore[override]
-        """Unit of time of the ground motion."""
-        return getattr(self.ground, "time_unit", None)
-
     def draw(self, z: Float[Array, " d"]) -> Any:
         """The motion drawn, scaled."""
         ground, factor = self._drawn(z)
         return motion.as_motion(ground) * factor
 
-    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
-        """The parameters of the ground motion, and the factor if it is random."""
-        random = isinstance(self.factor, Distribution)
-        scale = {"scale": self.factor.from_normal(z[-1])} if random else {}
-        return self._parameters(z)[0] | scale
-
     def _parts(self) -> tuple[Any, ...]:
-        return self.ground, _number_drawn(self.factor)
+        return self.ground, _number("scale", self.factor)
 
 
 @dataclasses.dataclass(frozen=True)
-class TravellingDraw(Composed, GroundDraw):
+class TravellingDraw(_ChangedDraw):
     """A random ground motion that travels along supports (``travelling``).
 
     The velocity is a number > 0 or a ``Distribution``, which takes one more standard normal
     number, the last; the parameter ``velocity``. Others raise ``ValueError``.
     """
 
-    ground: GroundDraw
     velocity: Any
     distances: tuple[Any, ...]
 
@@ -188,32 +201,19 @@ class TravellingDraw(Composed, GroundDraw):
             known = 1.0
         travelling(lambda t: 0.0 * t, known, self.distances)  # which checks them
 
-    @property
-    def time_unit(self) -> str | None:  # type: ignore[override]
-        """Unit of time of the ground motion."""
-        return self.ground.time_unit
-
     def draw(self, z: Float[Array, " d"]) -> Any:
         """The motions of the supports drawn."""
         ground, velocity = self._drawn(z)
         return travelling(ground, velocity, self.distances)
 
-    def parameters(self, z: Float[Array, " d"]) -> dict[str, Any]:
-        """The parameters of the ground motion, and the velocity if it is random."""
-        random = isinstance(self.velocity, Distribution)
-        return self._parameters(z)[0] | (
-            {"velocity": self.velocity.from_normal(z[-1])} if random else {}
-        )
-
     def _parts(self) -> tuple[Any, ...]:
-        return self.ground, _number_drawn(self.velocity)
+        return self.ground, _number("velocity", self.velocity)
 
 
 @dataclasses.dataclass(frozen=True)
-class _Dimensionless(Composed, GroundDraw):
+class _Dimensionless(_ChangedDraw):
     """The motions of a draw in seconds, converted to units of 1/ω1."""
 
-    ground: GroundDraw
     frequency: Any
     time_unit = motion.DIMENSIONLESS
 
@@ -222,9 +222,6 @@ class _Dimensionless(Composed, GroundDraw):
 
     def draw(self, z: Float[Array, " d"]) -> Any:
         return self._drawn(z)[0].dimensionless(self.frequency)
-
-    def _parts(self) -> tuple[Any, ...]:
-        return (self.ground,)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -265,7 +262,7 @@ class RandomRicker(Checked, GroundDraw):
     periods: Distribution = part(Distribution)
     arrivals: Distribution = part(Distribution)
     negative: Any = parameter(words="probability", least=0, most=1, single=True, default=None)
-    intensity: Distribution | None = part(Distribution, NoneType, default=None)
+    intensity: Distribution | None = part(Distribution, default=None)
 
     def __post_init__(self) -> None:
         if self.negative is None:
@@ -327,7 +324,7 @@ class RandomRecord(Checked, GroundDraw):
     """
 
     records: tuple[Record, ...]
-    factor: Distribution | None = part(Distribution, NoneType, default=None)
+    factor: Distribution | None = part(Distribution, default=None)
     weights: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:

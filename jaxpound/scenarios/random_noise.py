@@ -132,8 +132,8 @@ class FilteredNoise(NoiseDraw):
     envelope: Callable[[Any], Any] | None = None
     intensity: Any = 1.0
     time_unit: str = DIMENSIONLESS
-    spectral_density: Any = parameter(above=0, single=True, optional=True, default=None)
-    high_pass: float | None = parameter(above=0, single=True, optional=True, default=None)
+    spectral_density: Any = parameter(above=0, single=True, default=None)
+    high_pass: float | None = parameter(above=0, single=True, default=None)
 
     def __post_init__(self) -> None:
         envelope = self.envelope

@@ -11,7 +11,7 @@ jump with where they fall; impacts are not as regular.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
@@ -105,7 +105,7 @@ class Rollout(NamedTuple):
         memories = [zener_of(rod.material) for rod in structures.system().rods]
         orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
         n_supports = structures.system().topology.n_supports
-        excitations = _excitations(_motions(ground, n_supports, loads), grid, scheme)
+        excitations = _excitations(ground, n_supports, loads, grid, scheme)
         series = [x.series for x in excitations]
         shaking = spread((ground, loads, series), copied=False)
         numbers = *spread((structures, extra, initial)), *shaking
@@ -127,7 +127,7 @@ class Rollout(NamedTuple):
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))
         constants = StepConstants.of(system, scheme, dt, keep, displaced, bool(loads))
         start = constants.start(zero, displaced, velocities)
-        excitations = _excitations(_motions(ground, n_supports, loads), grid, scheme)
+        excitations = _excitations(ground, n_supports, loads, grid, scheme)
         # The paper has x_0 = x_1 = 0: there the step to t_1 begins from the start, too.
         begins = 0 if scheme.start == "rest" or initial is not None else 1
 
@@ -171,15 +171,13 @@ class Rollout(NamedTuple):
         return Rollout(system, constants, zero, start, extra, advance, scan)
 
 
-def _motions(ground: Ground, n_supports: int, loads: Mapping[int, Ground]) -> list[Ground]:
-    """Motions of the ground, of the supports from the last to the second, and loads."""
+def _excitations(
+    ground: Ground, n_supports: int, loads: Mapping[int, Ground], grid: TimeGrid, scheme: Scheme
+) -> list[Excitation]:
+    """Of motions of the ground, of the supports from the last to the second, and of loads."""
     require_supports(ground, n_supports + 1)
-    supports = [at_support(ground, k) for k in range(n_supports, 0, -1)]
-    return [at_support(ground, 0), *supports, *loads.values()]
-
-
-def _excitations(grounds: Sequence[Ground], grid: TimeGrid, scheme: Scheme) -> list[Excitation]:
-    return [as_motion(x).excitation(grid, scheme.order) for x in grounds]
+    motions = [at_support(ground, k) for k in (0, *range(n_supports, 0, -1))]
+    return [as_motion(x).excitation(grid, scheme.order) for x in (*motions, *loads.values())]
 
 
 def extrapolated(coarse: T, fine: T) -> T:

@@ -46,8 +46,7 @@ def run_grid(
         raise InvalidInput("grid", "None", f"{rule}: it is chosen for Buildings only")
     if is_traced((structures, ends, [record.dt for record in records] or ground)):
         reason = "it follows from buildings, a record's dt, wavelets and rests, of which some are "
-        reason += "traced; "
-        reason += "TimeGrid.until(duration, dt) makes one"
+        reason += "traced; TimeGrid.until(duration, dt) makes one"
         raise InvalidInput("grid", "None", f"{rule}: {reason}")
     require_time_unit("ground", ground, si=True)
     if duration is None and ends:

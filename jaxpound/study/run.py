@@ -26,7 +26,7 @@ from jaxpound.grid import TimeGrid
 from jaxpound.ground.plausibility import first_of, of_many
 from jaxpound.model.hysteresis import before_yield
 from jaxpound.model.system import is_closable
-from jaxpound.model.topology import GROUND, Topology, floors, footings
+from jaxpound.model.topology import GROUND, floors, footings
 from jaxpound.results.named import PAIR
 from jaxpound.scenarios.sampling import key_numbers, require_sampling
 from jaxpound.scenarios.scenarios import ScenarioSet, grounds_at, structures_of, topology_of
@@ -196,7 +196,7 @@ def _context(task: Task) -> dict[str, Any]:
         return periods_and_ratios
 
     def numbers_of_median() -> list[float]:
-        if _is_pair_on_soil(topology):
+        if footings(topology) and [len(x) for x in floors(topology)] == [1, 1]:  # a pair on soil
             return _first_modes(scenarios.realize(z)[0])
         return [*map(float, oscillators(z))]
 
@@ -207,11 +207,6 @@ def _context(task: Task) -> dict[str, Any]:
         raise InvalidInput("the scenario of z = 0", "", rule)
     about = {"notes": task.storage.notes, "oscillators": numbers or None}
     return about | {"topology": topology}
-
-
-def _is_pair_on_soil(topology: Topology) -> bool:
-    """Whether structures are two buildings of one storey, of which one is on soil."""
-    return bool(footings(topology)) and [len(x) for x in floors(topology)] == [1, 1]
 
 
 def _first_modes(structures: Any) -> list[float]:

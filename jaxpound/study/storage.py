@@ -9,7 +9,6 @@ import os
 from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
-from types import NoneType
 from typing import Any
 
 from jaxpound._errors import InvalidInput
@@ -58,8 +57,8 @@ class Storage(Checked):
     ('sa', 'amplitude_1', 'period_1', 'arrival_1', 'sign_1')
     """
 
-    folder: str | PathLike[str] | None = part(str, PathLike, NoneType, default=None)
-    chunk_size: int | None = parameter(whole=True, optional=True, default=None)
+    folder: str | PathLike[str] | None = part(str, PathLike, default=None)
+    chunk_size: int | None = parameter(whole=True, default=None)
     measures: Mapping[str, Callable[[Any, Any], Any]] = part(Mapping, default_factory=dict)
     keep_parameters: bool = False
     keep_failures: bool = False

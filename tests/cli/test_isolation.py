@@ -145,7 +145,7 @@ def test_damping_has_keys_and_a_file_s_faults_are_named():
         "damping = {rayleigh = 1.5}": "rayleigh = 1.5 must be between 0 and 1",
         "damping = {rayleigh = 0.05, modes = [1, 4]}": r"modes = \(1, 4\) must be from 1 to 3",
         "damping = {mass = 1.0}": "damping lacks stiffness",
-        "damping = {modal = [0.1, 0.2]}": "ratios, 2 of them, must be 3, one for each storey",
+        "damping = {modal = [0.1, 0.2]}": "damping: modal, 2 of them, must be 3, one for each",
         "order = 0.5": "lacks tau_f, tau_x",
         "dashpots = [1.0, 2.0]": "dashpots, 2 of them, must be 3",
         "damping = {rayleigh = 0.05}\nbearings = 3": "bearings = 3 must be a whole number",

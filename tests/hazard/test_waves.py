@@ -41,7 +41,7 @@ def test_runs_are_those_of_each_record_that_travels():
     np.testing.assert_allclose(at_capacity, FORCE["threshold"], rtol=1e-2)
     np.testing.assert_array_equal(ida.unscaled, RECORDS.pgas)
     stripes = jp.multiple_stripes(analysis, LADDER, progress=False)
-    np.testing.assert_array_equal(np.transpose(stripes.demands), ida.demands)
+    np.testing.assert_allclose(np.transpose(stripes.demands), ida.demands, rtol=1e-9)
     cloud = jp.cloud_analysis(analysis, progress=False)
     np.testing.assert_allclose(cloud.demand, [force(x) for x in RECORDS], rtol=1e-9)
 
@@ -53,7 +53,7 @@ def test_equal_decks_pound_only_where_the_wave_comes_late():
     """
     equal = jp.Buildings((LEFT, LEFT), (jp.FloorLink(0, 0, gap=0.02),), supports=(0, 1))
     ends = {"records": RECORDS, "distances": (0.0, 180.0)}
-    assert (analysed(equal, velocity=np.inf, **ends).demands == 0).all()
+    assert abs(analysed(equal, velocity=np.inf, **ends).demands).max() < 1e-12
     late = analysed(equal, velocity=400.0, **ends)
     assert (late.capacities < 0.2).all()
     together = jp.Analysis(BRIDGE, RECORDS).value(1, 0.5)
@@ -108,7 +108,8 @@ test_wrong_waves_are_refused = refusals(
     ({"velocity": None}, "velocity = None must be a real number"),
     ({"distances": None}, "distances = None must be a tuple"),
     ({"velocity": -1.0}, "velocity = -1 must be positive"),
-    ({"distances": (0.0, -1.0, 2.0)}, r"distances\[1\] = -1 must be finite and ≥ 0"),
+    ({"velocity": 0.5}, r"velocity = 0.5 must be between 1 and 100000 m/s \(200 to 2,000 m/s is"),
+    ({"distances": (0.0, -1.0, 2.0)}, r"distances\[1\] = -1 must be finite and not negative"),
     ({"distances": (0.0, 80.0)}, "ground, motions of 2 supports, must be of 3"),
     ({"structures": PAIR}, "ground, motions of 3 supports, must be of 1"),
     ({"mainshock": (RECORDS[0],) * 2, "rest": 1.0}, "ground must be .* each part, not 2 and 3"),
@@ -118,7 +119,9 @@ test_wrong_waves_are_refused = refusals(
 
 
 def test_a_suite_by_itself_and_doubts_of_a_record():
-    refused("Analysis takes a suite, whose records travel", jp.travelling, RECORDS, **WAVE)
+    refused(
+        "of a suite of records it is one, suite.0., or RandomRecord", jp.travelling, RECORDS, **WAVE
+    )
     with pytest.warns(jp.PlausibilityWarning, match="the mean acceleration"):
         offset = jp.Record(np.full(200, 0.1), dt=0.02)
     once = "^Analysis: (?!.*the mean .*the mean ).*the mean acceleration"  # of three supports

@@ -10,7 +10,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 import jaxpound as jp
+from jaxpound.model.dampers import MatrixDashpot
 from jaxpound.model.damping import normal_modes
+from jaxpound.model.ends import elongation
 from tests.model.test_isolation import matrices
 from tests.refusals import refusals
 
@@ -201,6 +203,34 @@ def test_modes_have_the_ratios_that_are_stated():
     placed = [jp.on_soil(frame(MODAL), x, radius=8.0, footing_mass=3e5) for x in (on_rock, sand)]
     assert placed[0].modes().damping_ratios[0] == pytest.approx(RATIOS[0], rel=1e-2)
     assert placed[1].modes().damping_ratios[0] > 1.05 * RATIOS[0]
+    system = jp.Buildings((placed[1],)).system()
+    inherent = [rod for rod in system.damping if isinstance(rod.material, MatrixDashpot)]
+    rotation = [*np.cumsum(placed[1].heights), 0.0, 1.0]
+    for rigid in ([1.0] * 5 + [0.0], rotation):  # relative to the ground, and to the footing
+        assert abs(np.array([elongation(rod, rigid) for rod in inherent])).max() < 1e-12
+    again = frame(jp.model.ModalDamping(np.array(RATIOS))).modes()
+    np.testing.assert_array_equal(again.damping_ratios, modes.damping_ratios)
+
+
+def test_a_tower_has_as_many_operations_as_dashpots():
+    """The program of a run; every pair of floors has a dashpot."""
+
+    def operations(n):
+        def coefficients(stiffness):
+            damping = jp.model.ModalDamping(0.05)
+            building = jp.ShearBuilding.of_storeys([3e5] * n, [stiffness] * n, damping=damping)
+            return [rod.material.coefficient for rod in jp.Buildings((building,)).system().damping]
+
+        return len(jax.make_jaxpr(coefficients)(4e8).eqns)
+
+    assert operations(16) < 1.5 * 4 * operations(8)
+
+
+def test_in_single_precision_modes_of_very_different_storeys_are_numbers():
+    stiffnesses = jnp.array([4e8, 4e8, 4e15, 4e8], jnp.float32)
+    frequencies, _ = jax.jit(lambda k: normal_modes([jnp.float32(3e5)] * 4, [*k]))(stiffnesses)
+    assert frequencies.dtype == jnp.float32
+    assert np.isfinite(frequencies).all()
 
 
 def test_a_run_and_its_derivatives_have_the_ratios_of_modes():

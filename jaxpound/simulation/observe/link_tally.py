@@ -124,7 +124,8 @@ class LinkTally(NamedTuple):
         opened = self.opened
         if opened is not None:
             opened = smaller(opened, now.closing)
-            opened = jnp.where(in_run, smaller(opened, turns.nearest), opened)
+            counts = turns.exist & (~last | (turns.nearest_time <= 0))
+            opened = jnp.where(counts, smaller(opened, turns.nearest), opened)
         softly = self.softly
         if softly is not None:
             softly = softly.observe(now.closing / temperature, jnp.where(time < 0, 0.0, share))
@@ -151,13 +152,16 @@ class LinkTally(NamedTuple):
         """
         distance = self.distance + jnp.abs(self.closing - self.last_turn)
         soft, contact, gap = self.softly, self.contact, link.gap
+        opening = self.opened  # of a joint, which has a gap
+        if opening is not None:
+            opening = jnp.where(gap < jnp.inf, larger(-opening, 0.0), 0.0)
         demand = LinkDemand(
             min_gap=gap - self.farthest,
             min_gap_time=self.farthest_time,
             slip_distance=distance,
             friction_work=self.work if slip_force is None else slip_force * distance,
             residual_offset=-self.closing,
-            peak_opening=None if self.opened is None else larger(-self.opened, 0.0),
+            peak_opening=opening,
             soft_min_gap=None if soft is None else gap - temperature * soft.value(),
         )
         if contact is None or end is None:

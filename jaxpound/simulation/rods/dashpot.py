@@ -52,10 +52,6 @@ class PureDashpot(RodLaw):
         """Energy that the dashpot has dissipated."""
         return state[1]
 
-    def scalars(self, end: Any, largest: jax.Array, last: jax.Array) -> dict[str, jax.Array]:
-        """The dissipated energy."""
-        return {"dissipated_energy": self.dissipated(end)}
-
 
 @register_dataclass
 @dataclass(frozen=True)
@@ -90,12 +86,6 @@ class BracedDashpot(RodLaw):
     def dissipated(self, state: DashpotState) -> Any:
         """Energy that the dashpot has dissipated."""
         return self.modulus * state.dissipated
-
-    def scalars(
-        self, end: DashpotState, largest: jax.Array, last: jax.Array
-    ) -> dict[str, jax.Array]:
-        """The dissipated energy."""
-        return {"dissipated_energy": self.dissipated(end)}
 
     def _moved(self, before: DashpotState, after: Any) -> DashpotState:
         """The state after a step in which the elongation changes linearly, to second order.

@@ -65,4 +65,5 @@ class RodLaw:
 
     def scalars(self, end: Any, largest: jax.Array, last: jax.Array) -> dict[str, jax.Array]:
         """The scalars of a run, from the state at its end, and largest and last elongation."""
-        return {}
+        energy = self.dissipated(end)
+        return {} if energy is None else {"dissipated_energy": energy}

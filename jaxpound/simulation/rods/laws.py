@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 from jax.tree_util import register_dataclass
@@ -37,7 +37,7 @@ def law_of(rod: Rod, dt: float, order: int, relaxed_at: Any = None) -> RodLaw:
     memory = Zener.of(zener, stiffness, dt, order, relaxed_at)
     if law is None:
         return memory
-    return HystereticZener(Hysteretic(law, stiffness), memory)
+    return HystereticZener(law, stiffness, memory)
 
 
 @register_dataclass
@@ -57,64 +57,39 @@ class Elastic(RodLaw):
 
 @register_dataclass
 @dataclass(frozen=True)
-class HystereticZener(RodLaw):
-    """A fractional rod with a law of hysteresis in the place of its spring.
+class HystereticZener(Hysteretic):
+    """A fractional rod with a law of hysteresis in the place of its spring."""
 
-    Its state has those of both, and the force of the fractional rod without its spring.
-    """
-
-    hysteretic: Hysteretic
     memory: Zener
-
-    @property
-    def modulus(self) -> Any:
-        """The stiffness of both."""
-        return self.hysteretic.modulus
+    peaks_at_kinks: ClassVar[bool] = False
 
     @property
     def order(self) -> Any:
         """The order of the fractional rod."""
         return self.memory.order
 
-    @property
-    def yield_displacement(self) -> Any:
-        """The elongation where the law yields first."""
-        return self.hysteretic.yield_displacement
-
-    @property
-    def is_long(self) -> bool:  # type: ignore[override]
-        """Whether the law of hysteresis has many operations."""
-        return self.hysteretic.is_long
-
     def start(self, elongation: jax.Array, change: jax.Array) -> Any:
         """The states of both, and no force."""
-        begin = elongation, change
-        return self.hysteretic.start(*begin), self.memory.start(*begin), 0 * elongation
+        state = super().start(elongation, change)
+        memory = self.memory.start(elongation, change)
+        return state._replace(memory=memory, smooth=0 * elongation)
 
     def step(
         self, before: Any, elongation: Any, total: Any, is_first: Any, mean: Any = None
     ) -> RodStep:
         """Both at t_m; smooth forces are linear between samples, to second order."""
-        yielding = self.hysteretic.step(before[0], elongation, total, is_first, mean)
-        zener = self.memory.step(before[1], elongation, total, is_first, mean)
-        spring = self.hysteretic.modulus * (elongation if mean is None else mean)
-        smooth, last = zener.force - spring, before[2]
+        yielding = super().step(before, elongation, total, is_first, mean)
+        zener = self.memory.step(before.memory, elongation, total, is_first, mean)
+        spring = self.modulus * (elongation if mean is None else mean)
+        smooth, last = zener.force - spring, before.smooth
         return RodStep(
             # In this order both springs cancel without rounding until the rod yields.
             force=yielding.force - spring + zener.force,
             kick=yielding.kick - spring + zener.kick,
-            state=(yielding.state, zener.state, smooth),
+            state=yielding.state._replace(memory=zener.state, smooth=smooth),
             remembered=zener.remembered,
             kinked=yielding.kinked,
             reached=tuple(
                 (late, force + smooth + (smooth - last) * late) for late, force in yielding.reached
             ),
         )
-
-    def dissipated(self, state: Any) -> Any:
-        """Energy that the rod has dissipated by yielding."""
-        return self.hysteretic.dissipated(state[0])
-
-    def scalars(self, end: Any, largest: jax.Array, last: jax.Array) -> dict[str, jax.Array]:
-        """The scalars of the law of hysteresis."""
-        return self.hysteretic.scalars(end[0], largest, last)

@@ -38,6 +38,8 @@ class HystereticState(NamedTuple):
     elongation: jax.Array
     change: jax.Array  # of the elongation since the instant before
     phase: Any  # of the step before: 0 elastic, ±1 yielding in a direction, or ``_MIXED``
+    memory: Any = None  # state of a fractional rod, if one is in the place of the law's spring
+    smooth: Any = None  # its force without the spring
 
 
 @register_dataclass
