@@ -8,17 +8,14 @@ over twenty instants, against SciPy's integration from event to event. OpenSees 
 jaxpound's batch is charged for all the cores it takes.
 """
 
-import ctypes
-import importlib.util
 import os
 import sys
-from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import numpy as np
 from batches import CASE, CORES, best, draw, ready
+from opensees_library import load_blas
 from scipy.integrate import solve_ivp
 
 import jaxpound as jp
@@ -43,12 +40,8 @@ STEPS = {
 
 
 def opensees():
-    """The module; its wheel for Linux brings a BLAS library, but does not find it."""
-    wheel = importlib.util.find_spec("openseespylinux")
-    if wheel is not None and wheel.origin is not None:
-        with suppress(OSError):
-            library = Path(wheel.origin).parent / "lib" / "libblas.so.3"
-            ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    """The module."""
+    load_blas()
     try:
         import openseespy.opensees as ops
     except (ImportError, RuntimeError) as error:

@@ -1,6 +1,8 @@
 """Guides run as they stand, and print what they say that they print."""
 
 import re
+from contextlib import redirect_stdout
+from io import StringIO
 
 import pytest
 
@@ -11,15 +13,22 @@ FOLDER = DOCS / "how_to"
 PAGES = sorted({*FOLDER.glob("*.md"), DOCS / "isolation.md"} - {FOLDER / "index.md"})
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_a_guide_runs_and_prints_what_it_says(page, capsys, tmp_path, monkeypatch):
-    source = code(page.read_text(encoding="utf-8"))
+def printed(page):
+    """The names of a page's code after a run, the lines it printed, and those it says."""
+    source, out, names = code(page.read_text(encoding="utf-8")), StringIO(), {"__name__": page.stem}
     said = re.findall(r"^print\(.*\)  # (.+)$", source, re.M)
     assert said
     assert source.count("print(") == len(said)
+    with redirect_stdout(out):
+        exec(compile(source, page.name, "exec"), names)
+    return names, out.getvalue().splitlines(), said
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_guide_runs_and_prints_what_it_says(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
     monkeypatch.setattr(jp.runtime, "use_cores", lambda: None)  # JAX runs already
-    exec(compile(source, page.name, "exec"), {"__name__": page.stem})
-    assert capsys.readouterr().out.splitlines() == said
+    _, lines, said = printed(page)
+    assert lines == said
