@@ -121,7 +121,7 @@ def monte_carlo(
         *(storage, storage.sized(n)),
         x64=bool(jax.config.jax_enable_x64),  # type: ignore[attr-defined]
     )
-    chunks = task.chunks()
+    chunks = storage.chunks(task.n)
     units = result_units(structures_of(scenarios))
     identity = task.identity() | {"scales": describe(units)}
     task = task.identified(identity)

@@ -1,6 +1,7 @@
 """The configuration of a study, and the commands montecarlo and report."""
 
 import re
+import shlex
 import tomllib
 
 import jax
@@ -10,6 +11,7 @@ import pytest
 import jaxpound as jp
 from jaxpound._tables import rounded
 from jaxpound.cli import files, montecarlo, reading
+from jaxpound.cli import main as cli
 from jaxpound.model.parameters import get
 from jaxpound.results.named import in_words
 from tests.cli.commands import changed, refusal, run, unrendered
@@ -192,6 +194,25 @@ def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_p
         assert told["unit"] == curve["unit"] != ""
 
     assert "Study of 50 scenarios" in run("montecarlo", path, "--store", store, "--samples", 50)
+
+
+def test_the_commands_that_are_printed_make_the_study_of_one_run(write, tmp_path, capsys):
+    path, shared, alone = write(f"{SMALL} & chunk_size = 10"), tmp_path / "a study", tmp_path / "st"
+    options = ["--samples", 30, "--strict"]
+    arguments = map(str, ["montecarlo", path, "--store", shared, *options, "--commands", 2])
+    assert cli.main([*arguments]) == 0
+    assert not shared.exists()
+    first, second = capsys.readouterr().out.splitlines()
+    quoted = f"jaxpound montecarlo {path} '--store={shared}' --samples=30 --strict"
+    assert (first, second) == (f"{quoted} --shard=1/2", f"{quoted} --shard=2/2")
+    for line in (first, second):
+        assert cli.main(shlex.split(line)[1:]) == 0
+    run("montecarlo", path, "--store", alone, *options)
+    study, whole = jp.Study.open(shared), jp.Study.open(alone)
+    assert len(study) == 30
+    assert study.columns == whole.columns
+    for name in whole.columns:
+        np.testing.assert_array_equal(study[name], whole[name])
 
 
 def test_a_study_with_contact_and_its_report(write, tmp_path):
