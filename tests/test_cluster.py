@@ -1,4 +1,4 @@
-"""Beyond one process: Dask's scheduler, a worker killed on the way, JAX's multi-process mesh."""
+"""Beyond one process: Dask's scheduler, a worker killed on the way, executorlib, JAX's mesh."""
 
 import os
 import re
@@ -57,6 +57,17 @@ def test_a_dask_worker_killed_in_the_middle_costs_only_its_chunks(tmp_path):
     assert all(path.stat().st_ino == file for path, file in had.items())
     # Workers have one thread for linear algebra, whose rounding differs.
     assert_same(found[0], study(**arguments))
+
+
+@pytest.mark.filterwarnings("default", "ignore:monte_carlo. ground. PGA of")
+@pytest.mark.usefixtures("own_environment")
+def test_workers_of_executorlib_make_the_study_of_one_process(tmp_path):
+    executorlib = pytest.importorskip("executorlib")
+    arguments = {"n": 96, "chunk_size": 32}
+    with executorlib.SingleNodeExecutor(max_workers=2, block_allocation=True) as executor:
+        shared = study(store=tmp_path / "shared", executor=executor, **arguments)
+    assert len([*(tmp_path / "shared").glob("chunk-*.npz")]) == 3
+    assert_same(shared, study(**arguments))
 
 
 SCENARIOS = """jp.Scenarios(

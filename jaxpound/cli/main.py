@@ -183,6 +183,8 @@ _STUDY = "folder for the results, made if needed; a started study goes on"
 _UNITS = "g (where it states none), m/s2, cm/s2, gal, ft/s2, in/s2, mm/s2, mg"
 _SAMPLES = "number of samples, instead of the file's"
 _SHARD = "run every N-th chunk from the I-th only: N jobs, I = 1 to N, fill one store"
+_LINES = "run nothing: print N commands, a line each, that run a shard each, for a job scheduler"
+_TABLE = "write a row for each sample to this file too, of all columns: .csv or .parquet"
 _STRICT_WORDS = "refuse what is only warned of: unresolved or implausible input"
 _STRICT: Argument = ("--strict", {"help": _STRICT_WORDS, "action": "store_true"})
 
@@ -228,6 +230,7 @@ _COMMANDS = {  # in the order of the help
             _file("--store", _STUDY, "DIR", required=True),
             ("--samples", {"help": _SAMPLES, "type": int, "metavar": "N"}),
             ("--shard", {"help": _SHARD, "default": "1/1", "metavar": "I/N"}),
+            ("--commands", {"help": _LINES, "type": int, "metavar": "N"}),
             _STRICT,
         ],
         "jaxpound montecarlo --example-config > study.toml\n"
@@ -236,7 +239,11 @@ _COMMANDS = {  # in the order of the help
     ),
     "report": Command(
         "a page, a table and figures of a study, also of an unfinished one",
-        [*_OUT, _file("--store", "the study's folder", "DIR", required=True)],
+        [
+            *_OUT,
+            _file("--store", "the study's folder", "DIR", required=True),
+            _file("--table", _TABLE),
+        ],
         "jaxpound report --store study --out results",
     ),
     "design": Command(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,8 @@ def run(args: argparse.Namespace) -> None:
     curves, by_link = fragilities(study), fragilities_of_links(study)
     answers = summary(study, curves, by_link)
     files.make_folder(args.out)
+    if args.table is not None:
+        write_table(study, args.table)
 
     from jaxpound.plots import studies as plots
     from jaxpound.plots.style import drawn
@@ -58,6 +61,20 @@ def run(args: argparse.Namespace) -> None:
         files.write_files(args.out, {"study.toml": study.about["notes"]["configuration"]})
     parts = parts_of_page(answers, study.checked_floors)
     files.write_report(args, answers, "Monte Carlo study of buildings", parts, figures)
+
+
+def write_table(study: jp.Study, path: Path) -> None:
+    """Write a row for each sample to a file of the format that its name ends in.
+
+    Raises ``ValueError`` for another ending, or without a library that writes the format.
+    """
+    formats = {".csv": study.to_csv, ".parquet": study.to_parquet}
+    if path.suffix not in formats:
+        raise ValueError(f"argument --table: {path} must end in {' or '.join(formats)}")
+    try:
+        files.write_files(path.parent, {path.name: formats[path.suffix]})
+    except ImportError as error:
+        raise ValueError(f"argument --table: {error}") from error
 
 
 def fragilities(study: jp.Study) -> dict[str, jp.study.Fragility]:

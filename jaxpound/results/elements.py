@@ -225,13 +225,14 @@ class Columnar:
         file.write(heading.getvalue().encode())
         np.savetxt(file, np.column_stack(list(columns.values())), "%.17g", delimiter=",")
 
-    def to_parquet(self, path: str | PathLike[str]) -> None:
+    def to_parquet(self, file: str | PathLike[str] | BinaryIO) -> None:
         """All columns as a Parquet file, which is smaller and faster than text.
 
-        An ``ImportError`` without pandas or pyarrow (extra ``tables``), a ``FileNotFoundError`` if
-        the folder is missing.
+        ``file`` is as that of ``to_csv``. An ``ImportError`` without pandas or pyarrow (extra
+        ``tables``).
         """
         for library in ("pandas", "pyarrow"):
             require(library)
-        require_folder(path)
-        self.to_pandas().to_parquet(path, engine="pyarrow")
+        if isinstance(file, str | PathLike):
+            require_folder(file)
+        self.to_pandas().to_parquet(file, engine="pyarrow")

@@ -100,14 +100,6 @@ class Task:
         fingerprint = digest(json.dumps(program).encode())
         return dataclasses.replace(self, names=tuple(identity["columns"]), fingerprint=fingerprint)
 
-    def chunks(self) -> range:
-        """Numbers of the chunks of the storage's shard."""
-        (first, shards), chunks = self.storage.shard, range(-(-self.n // self.chunk_size))
-        if first > len(chunks):
-            rule = f"must leave a chunk for each shard: the study has {len(chunks)}"
-            raise InvalidInput("shard", repr(self.storage.shard), rule)
-        return chunks[first - 1 :: shards]
-
     def z_type(self) -> jax.ShapeDtypeStruct:
         """Shape and type of z."""
         return jax.ShapeDtypeStruct((self.scenarios.dimension,), jnp.zeros((), float).dtype)

@@ -81,9 +81,10 @@ def monte_carlo(
         they stay in memory.
     executor
         An executor of ``concurrent.futures`` that runs the chunks, such as Dask's
-        ``Client.get_executor()``. By default this process runs them in order, each spread over all
-        devices. Workers must see the store's folder; processes must be started by "spawn", since
-        forked ones inherit JAX's locks but not its threads, and never return.
+        ``Client.get_executor()`` or those of executorlib. By default this process runs them in
+        order, each spread over all devices. Workers must see the store's folder; processes must be
+        started by "spawn", since forked ones inherit JAX's locks but not its threads, and never
+        return.
     progress
         Whether to show a progress bar.
 
@@ -121,7 +122,7 @@ def monte_carlo(
         *(storage, storage.sized(n)),
         x64=bool(jax.config.jax_enable_x64),  # type: ignore[attr-defined]
     )
-    chunks = task.chunks()
+    chunks = storage.chunks(task.n)
     units = result_units(structures_of(scenarios))
     identity = task.identity() | {"scales": describe(units)}
     task = task.identified(identity)

@@ -1,6 +1,8 @@
 """The configuration of a study, and the commands montecarlo and report."""
 
 import re
+import shlex
+import sys
 import tomllib
 
 import jax
@@ -10,6 +12,7 @@ import pytest
 import jaxpound as jp
 from jaxpound._tables import rounded
 from jaxpound.cli import files, montecarlo, reading
+from jaxpound.cli import main as cli
 from jaxpound.model.parameters import get
 from jaxpound.results.named import in_words
 from tests.cli.commands import changed, refusal, run, unrendered
@@ -192,6 +195,62 @@ def test_a_study_from_the_command_line_in_two_shards_and_its_report(write, tmp_p
         assert told["unit"] == curve["unit"] != ""
 
     assert "Study of 50 scenarios" in run("montecarlo", path, "--store", store, "--samples", 50)
+
+
+def test_the_commands_that_are_printed_make_the_study_of_one_run(write, tmp_path, capsys):
+    path, shared, alone = write(f"{SMALL} & chunk_size = 10"), tmp_path / "a study", tmp_path / "st"
+    options = ["--samples", 30, "--strict"]
+    arguments = map(str, ["montecarlo", path, "--store", shared, *options, "--commands", 2])
+    assert cli.main([*arguments]) == 0
+    assert not shared.exists()
+    first, second = capsys.readouterr().out.splitlines()
+    quoted = f"jaxpound montecarlo {path} '--store={shared}' --samples=30 --strict"
+    assert (first, second) == (f"{quoted} --shard=1/2", f"{quoted} --shard=2/2")
+    for line in (first, second):
+        assert cli.main(shlex.split(line)[1:]) == 0
+    run("montecarlo", path, "--store", alone, *options)
+    study, whole = jp.Study.open(shared), jp.Study.open(alone)
+    assert len(study) == 30
+    assert study.columns == whole.columns
+    for name in whole.columns:
+        np.testing.assert_array_equal(study[name], whole[name])
+
+
+@pytest.fixture(scope="module")
+def small_study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("small")
+    (folder / "study.toml").write_text(changed(EXAMPLE, SMALL))
+    run("montecarlo", folder / "study.toml", "--store", folder / "st")
+    return folder / "st"
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+@pytest.mark.usefixtures("without_pictures")
+def test_a_report_writes_the_table_of_a_study(ending, small_study, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    table = tmp_path / "out" / f"study.{ending}"
+    printed = run("report", "--store", small_study, "--out", table.parent, "--table", table)
+    assert str(table) in printed.splitlines()
+    read_table = {"csv": pandas.read_csv, "parquet": pandas.read_parquet}[ending]
+    columns = read_table(table).reset_index()
+    for name, values in jp.Study.open(small_study).to_columns().items():
+        np.testing.assert_array_equal(columns[name], values)
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ("no folder/study.csv", "no folder.*No such file or directory"),
+        ("study.txt", r"argument --table: \S*study.txt must end in .csv or .parquet"),
+        ("study.parquet", r"argument --table: jaxpound needs pyarrow, which the extra 'tables'"),
+    ],
+)
+def test_a_table_that_cannot_be_written(table, says, small_study, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    command = ["report", "--store", small_study, "--out", tmp_path / "out"]
+    assert re.search(says, refusal(capsys, *command, "--table", tmp_path / table))
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_study_with_contact_and_its_report(write, tmp_path):
