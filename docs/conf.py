@@ -82,7 +82,7 @@ nitpick_ignore_regex = [
     (
         "py:.*",
         r"(collections|concurrent|jax|jaxlib|jaxtyping|matplotlib|numpy|optax|os|pandas|pathlib"
-        r"|typing)\..*",
+        r"|typing|xarray)\..*",
     ),
     ("py:class", r"ArrayLike|Axes|GradientTransformation|PathLike|(np\.)?ndarray"),
     ("py:class", r"'[\w ]+'"),  # shapes of arrays

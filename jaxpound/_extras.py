@@ -10,6 +10,7 @@ from jaxpound._errors import caller
 EXTRAS = {  # the extra that installs a library
     "pandas": "tables",
     "pyarrow": "tables",
+    "xarray": "xarray",
     "ipywidgets": "notebooks",
 }
 

@@ -28,6 +28,7 @@ ALL = r"to_pandas needs pandas, which the extra 'tables' brings: pip install '\.
 MISSING = [
     ("pandas", lambda path: DEMAND.to_pandas(), ALL),
     ("pandas", DEMAND.to_parquet, r"to_parquet needs pandas, .*\[tables\]"),
+    ("xarray", lambda path: DEMAND.to_xarray(), r"to_xarray needs xarray, .*\[xarray\]"),
     ("pyarrow", DEMAND.to_parquet, r"to_parquet needs pyarrow, .*\[tables\]"),
 ]
 

@@ -18,7 +18,7 @@ from jaxpound.model.topology import floors
 from jaxpound.plots import style as house
 from jaxpound.plots.contact_paths import ContactPath, followed_contacts
 from jaxpound.plots.style import COLOURS, label, new_axes
-from jaxpound.results.demand import PLACES
+from jaxpound.results.elements import PLACES
 from jaxpound.results.named import PAIR
 from jaxpound.results.response import LinkResponse, Response, require_single
 

@@ -17,7 +17,6 @@ from jaxpound._errors import InvalidInput
 from jaxpound._extrema import larger, smaller
 from jaxpound._fields import Quantity, part, pytree_dataclass, quantities, quantity, static
 from jaxpound._tables import Shown, TextTable
-from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.row import checked_floors
 from jaxpound.model.topology import Topology, is_storey, masses_of, storey_rods
 from jaxpound.quantities import column, unit
@@ -232,10 +231,6 @@ class Demand(ByElement, Columnar, Shown):
         return TextTable(f"{title} ({unit_words})", columns, ranges, notes)
 
 
-PLACES = {"masses": mass_places, "rods": rod_places, "links": link_places}
-"""Names of places of the elements of each group."""
-
-
 def words_of(name: str, topology: Topology | None, quantity: Quantity | None = None) -> str:
     """A scalar, or another ``quantity``, in words by floor, storey or link; "" if it is neither."""
     place = place_of(Demand, name)
@@ -243,10 +238,10 @@ def words_of(name: str, topology: Topology | None, quantity: Quantity | None = N
         return ""
     words, of_link_number, number = quantity.words.rpartition(" of link ")
     if topology is not None and of_link_number:
-        return f"{words}, {PLACES['links'](topology)[int(number) - 1]}"
+        return f"{words}, {elements.PLACES['links'](topology)[int(number) - 1]}"
     if topology is None or place is None or place.group not in ("masses", "rods"):
         return quantity.words
-    where = PLACES[place.group](topology)[place.element]
+    where = elements.PLACES[place.group](topology)[place.element]
     words = quantity.words.rpartition(" of ")[0]
     return f"{words if where.startswith('building') else words.replace('base ', '')} of {where}"
 

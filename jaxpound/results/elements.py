@@ -19,15 +19,23 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpound._checks import did_you_mean, is_traced, require_folder
+from jaxpound._errors import InvalidInput
 from jaxpound._extras import require
 from jaxpound._fields import Quantity, quantities
+from jaxpound._version import __version__
+from jaxpound.model.places import link_places, mass_places, rod_places
 from jaxpound.model.topology import Topology
+from jaxpound.quantities import unit
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+    from xarray import Dataset
 
 
 Results = TypeVar("Results", bound="ByElement")
+
+PLACES = {"masses": mass_places, "rods": rod_places, "links": link_places}
+"""Names of places of the elements of each group."""
 
 _MAY_BE_INFINITE = ("min_gap", "soft_min_gap", "first_impact_time", "first_yield_time")
 
@@ -46,6 +54,8 @@ class ByElement:
 
     _elements: ClassVar[dict[str, type]]
     """Class of the elements of each group."""
+    si: bool
+    topology: Any
 
     def flat(self, field: str) -> dict[str, Any]:
         """A quantity of all elements that have it, by flat name."""
@@ -63,6 +73,53 @@ class ByElement:
     def batch(self) -> tuple[int, ...]:
         """Shape of the batch; () for a single run."""
         return np.shape(next(iter(jax.tree.leaves(self)), 0.0))
+
+    def to_xarray(self) -> Dataset:
+        """Quantities of all elements by field, as an ``xarray.Dataset`` that ``to_netcdf`` writes.
+
+        The dimensions are ``run`` of a batch (``run_0`` and so on for several axes), ``masses``,
+        ``rods``, ``links`` and ``supports``, whose coordinates are their names in words, and of a
+        response ``time``. Each variable has its unit ("1" of a pure number) and its name in words
+        as the attributes ``units`` and ``long_name``. Elements without a quantity have NaN.
+
+        An ``ImportError`` without xarray (extra ``xarray``), an ``InvalidInput`` for a batch whose
+        runs differ in their instants.
+        """
+        xarray, batch, time = require("xarray"), self.batch, getattr(self, "time", None)
+        instants = () if time is None else np.shape(time)[-1:]
+        runs = [*run_numbers(batch)] if batch else []
+        variables: dict[str, tuple[list[str], Any, dict[str, str]]] = {}
+        for name, (group, quantity, values) in self._by_field().items():
+            if any(x is not None for x in values):
+                shape = (*batch, *instants)
+                each = [np.broadcast_to(np.nan if x is None else x, shape) for x in values]
+                stacked = np.stack(each, len(batch)) if group else each[0]
+                dimensions = runs + [group] * bool(group) + ["time"] * len(instants)
+                words = re.sub(r" of \w+ {}$", "", quantity.words) or name.replace("_", " ")
+                attributes = described(unit(quantity.kind, self.si), words)
+                variables[name] = dimensions, stacked, attributes
+        if instants:
+            _, stacked, attributes = variables["time"]
+            first = stacked.reshape(-1, *instants)[0]
+            if not (stacked == first).all():
+                raise InvalidInput("a batch", "", "must have the same instants in all its runs")
+            variables["time"] = ["time"], first, attributes
+        coordinates: dict[str, Any] = dict(zip(runs, map(np.arange, batch), strict=True))
+        for group, words_of in PLACES.items():
+            if self.topology and getattr(self, group):
+                coordinates[group] = [*words_of(self.topology)]
+        return xarray.Dataset(variables, coordinates, {"source": f"jaxpound {__version__}"})
+
+    def _by_field(self) -> dict[str, tuple[str, Quantity, list[Any]]]:
+        """Group, metadata and values of each quantity with a flat name, by field."""
+        alone = {
+            name: ("", quantity, [getattr(self, name)])
+            for name, quantity in quantities(type(self)).items()
+        }
+        return alone | {
+            field: (group, quantity, [getattr(item, field) for item in getattr(self, group)])
+            for field, (group, quantity) in _fields_of_elements(type(self)).items()
+        }
 
     def __getitem__(self: Results, index: Any) -> Results:
         """Runs of a batch by number, slice or mask, as in an array: ``batch[3]`` is one run."""
@@ -177,6 +234,11 @@ def are_concrete(results: Any) -> bool:
     leaves = jax.tree.leaves(results)
     numbers = (float, int, np.generic, np.ndarray, jax.Array)
     return bool(leaves) and not is_traced(leaves) and all(isinstance(x, numbers) for x in leaves)
+
+
+def described(of_unit: str, words: str) -> dict[str, str]:
+    """Attributes of a variable of an ``xarray.Dataset``."""
+    return {"units": of_unit or "1", "long_name": words}
 
 
 def run_numbers(batch: tuple[int, ...], each: int = 1) -> dict[str, np.ndarray]:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxpound._errors import InvalidInput
-from jaxpound._fields import part, pytree_dataclass, quantity, static
+from jaxpound._fields import Quantity, part, pytree_dataclass, quantity, static
 from jaxpound._tables import Shown, TextTable
 from jaxpound.model.ends import Element, along, beside_axis, load_on, moving_ends, weighted
 from jaxpound.model.places import link_places, mass_places, rod_places
@@ -135,7 +135,7 @@ class Response(ByElement, Columnar, Shown):
     flat name as well, numbered from 1: ``x1``, ``v1``, ``f1`` and ``mass_1``, and for a single link
     ``gap``, ``friction``, ``slip_velocity``, ``phase`` and ``change_time`` (for several ``gap_1``
     and so on). As a table (``to_pandas``, ``to_csv``, ``to_parquet``) it has a row for each
-    instant, for a batch of each run.
+    instant, for a batch of each run; ``to_xarray`` has the masses, rods and links as dimensions.
 
     Examples
     --------
@@ -302,6 +302,12 @@ class Response(ByElement, Columnar, Shown):
         from jaxpound.plots import overview  # upwards: drawn by the layer that imports Matplotlib
 
         return overview(self)
+
+    def _by_field(self) -> dict[str, tuple[str, Quantity, list[Any]]]:
+        series = super()._by_field()
+        del series["mass"]  # a number
+        accelerations = "masses", Quantity("acceleration"), [*self.absolute_accelerations]
+        return series | {"absolute_acceleration": accelerations}
 
     def _series(self) -> dict[str, tuple[str | None, Any]]:
         """Kind and values of every series by flat name, in the order of tables; first time."""

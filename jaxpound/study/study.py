@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -14,13 +14,14 @@ from jaxtyping import ArrayLike
 
 from jaxpound._checks import array, is_whole, not_negative, number, require_one_of, require_share
 from jaxpound._errors import InvalidInput
+from jaxpound._extras import require
 from jaxpound._tables import Shown, TextTable
 from jaxpound.ground.measure import Measure
 from jaxpound.model.places import link_places
 from jaxpound.model.row import checked_floors
 from jaxpound.model.topology import Topology, floors, stored_ends
 from jaxpound.quantities import column, unit
-from jaxpound.results.elements import Columnar, of_link, without_idle_dampers
+from jaxpound.results.elements import Columnar, described, of_link, without_idle_dampers
 from jaxpound.results.named import event_in_words, in_words, is_demand, kind_of
 from jaxpound.scenarios.scenarios import ScenarioSet, parameter_names, parameters
 from jaxpound.store.archive import DamagedError
@@ -32,6 +33,9 @@ from jaxpound.study.gaps import RequiredGaps, Separation, double_difference_corr
 from jaxpound.study.statistics import Estimate, Moments, quantile
 from jaxpound.study.weighting import Hits, Weighting, correlation, require_weights
 from jaxpound.units import Scales
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 
 def in_rows(columns: Mapping[str, np.ndarray], *names: str) -> np.ndarray:
@@ -462,6 +466,18 @@ class Study(Columnar, Shown):
         """Columns that tables show: no parameters of scenarios, no slip without friction."""
         names = [name for name in self.columns if name not in self.about["identity"]["parameters"]]
         return without_idle_dampers(names, lambda name: self._moments[name].largest)
+
+    def to_xarray(self) -> Dataset:
+        """All columns as an ``xarray.Dataset`` along ``sample``, with units as attributes.
+
+        An ``ImportError`` without xarray (extra ``xarray``).
+        """
+        measures = {name: self.measure(name) for name in self.columns}
+        variables = {
+            name: ("sample", self[name], described(measure.unit, measure.words))
+            for name, measure in measures.items()
+        }
+        return require("xarray").Dataset(variables, {"sample": self.indices})
 
     def _index_and_columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         index, columns = {"sample": self.indices}, dict[str, np.ndarray]()

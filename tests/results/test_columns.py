@@ -108,6 +108,16 @@ def test_a_study_is_a_row_a_sample(of_study):
         np.testing.assert_array_equal(table[heading], in_si[name])
 
 
+def test_a_study_is_a_dataset_along_its_samples(of_study):
+    pytest.importorskip("xarray")
+    in_si = dataclasses.replace(of_study, scales=SCALES)
+    data = in_si.to_xarray()
+    assert (dict(data.sizes), {*data.data_vars}) == ({"sample": 64}, {*in_si.columns})
+    np.testing.assert_array_equal(data.min_gap, in_si["min_gap"])
+    assert data.min_gap.attrs == {"units": "m", "long_name": "smallest gap"}
+    assert data.mu.attrs == {"units": "1", "long_name": "mu"}
+
+
 def test_names_that_users_gave_stay_apart(of_study, tmp_path):
     for name, scales in (("μ, the friction", None), ("sample", None), ("min_gap_m", SCALES)):
         moments = {name if x == "mu" else x: m for x, m in of_study._moments.items()}
