@@ -12,6 +12,7 @@ import os
 import re
 import reprlib
 from collections.abc import Callable, Collection, Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from decimal import Decimal
 from pathlib import Path
 from types import NoneType
@@ -69,6 +70,14 @@ class Range(NamedTuple):
 def is_traced(tree: Any) -> bool:
     """Whether any leaf of ``tree`` is a tracer, without a value until the compiled program runs."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def evaluated(tree: Any) -> AbstractContextManager[None]:
+    """A context in which what follows from known numbers is known, also while others are traced.
+
+    It changes nothing where the tree itself is traced.
+    """
+    return nullcontext() if is_traced(tree) else jax.ensure_compile_time_eval()
 
 
 def is_known_and_single(tree: Any) -> bool:

@@ -11,7 +11,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import enforce, instance, instead, is_known_and_single, is_traced
+from jaxpound._checks import (
+    enforce,
+    evaluated,
+    instance,
+    instead,
+    is_known_and_single,
+    is_traced,
+)
 from jaxpound._errors import InvalidInput
 from jaxpound._fields import rules
 from jaxpound.grid import TimeGrid
@@ -164,7 +171,8 @@ def imprecise(system: System, grid: TimeGrid, numbers: Any) -> list[str]:
 
     ``numbers`` are all others of a run.
     """
-    findings = _unresolved(system, grid.dt) + _overdamped(system, grid.dt)
+    with evaluated(system):
+        findings = _unresolved(system, grid.dt) + _overdamped(system, grid.dt)
     dtype = jnp.result_type(float, *jax.tree.leaves((system, numbers)))
     if dtype != jnp.float64 and any(link.contact is not None for link in system.links):
         rule = "forces are off by up to 1e-4 of themselves and impacts may be missed"

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxpound._checks import count, instance
+from jaxpound._checks import count, evaluated, instance
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import GroundLike
 from jaxpound.ground.plausibility import far_apart
@@ -42,7 +42,9 @@ def doubts(scenarios: ScenarioSet, grid: TimeGrid, scheme: Scheme = Scheme()) ->
     findings: list[str] = []
 
     def look(z: jax.Array) -> None:
-        findings.extend(imprecise(single_system(scenarios.realize(z)[0]), grid, z))
+        structures = scenarios.realize(z)[0]
+        with evaluated(structures):
+            findings.extend(imprecise(single_system(structures), grid, z))
 
     jax.eval_shape(look, jnp.zeros(scenarios.dimension))
     return findings

@@ -13,6 +13,7 @@ import jaxpound as jp
 from jaxpound.model.dampers import MatrixDashpot
 from jaxpound.model.damping import normal_modes
 from jaxpound.model.ends import elongation
+from jaxpound.study.demands import doubts
 from tests.model.test_isolation import matrices
 from tests.refusals import refusals
 
@@ -352,6 +353,23 @@ def test_code_rules_know_the_damping_of_blocks():
         study = jp.monte_carlo(scenarios, 4, jp.TimeGrid.until(3.0, 0.02), progress=False)
         periods_and_ratios = study.about["oscillators"]
         np.testing.assert_allclose(periods_and_ratios, [0.9, 0.05, 0.8, 0.05], rtol=1e-9)
+
+
+def pair_with_contact(ratio):
+    frames = [jp.ShearBuilding.from_period(2, 2e5, t, damping=ratio) for t in (0.5, 0.35)]
+    law = jp.KelvinVoigt(1e9, 0.65)
+    return jp.Buildings(frames, jp.floor_links(frames, gap=0.05, contact=law))
+
+
+def test_known_damping_beside_contact_is_judged_where_other_numbers_are_traced():
+    """In studies, and in programs of the user's own."""
+    grid, record = jp.TimeGrid.until(0.2, 0.02), jp.Record([0.0, 0.3, 0.0], 0.1)
+    assert doubts(jp.Scenarios(pair_with_contact(FIVE), SHAKEN), grid) == []
+    strong = pair_with_contact(jp.Rayleigh(0.9))
+    (finding,) = doubts(jp.Scenarios(strong, SHAKEN), grid)
+    assert finding.startswith("link 1–2, floor 1: dt c/m is 1.12, with c")
+    with pytest.warns(jp.PlausibilityWarning, match="dt c/m is"):
+        jax.eval_shape(lambda size: jp.demand(strong, size * record, grid).min_gap, 1.0)
 
 
 def test_buildings_without_any_damping_are_told_of():
