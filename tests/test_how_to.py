@@ -1,4 +1,4 @@
-"""Guides run as they stand, and print what they say that they print."""
+"""Guides and lessons run as they stand, and print what they say that they print."""
 
 import re
 from contextlib import redirect_stdout
@@ -10,7 +10,11 @@ import jaxpound as jp
 from tests.test_docs import DOCS, code
 
 FOLDER = DOCS / "how_to"
-PAGES = sorted({*FOLDER.glob("*.md"), DOCS / "isolation.md"} - {FOLDER / "index.md"})
+COURSE = DOCS / "course"
+PAGES = sorted(
+    {*FOLDER.glob("*.md"), *COURSE.glob("*.md"), DOCS / "isolation.md"}
+    - {FOLDER / "index.md", COURSE / "index.md"}
+)
 
 
 def printed(page):
