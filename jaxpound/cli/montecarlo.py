@@ -95,7 +95,8 @@ def commands(args: argparse.Namespace, storage: jp.Storage, samples: int) -> Ite
     n = count("argument --commands", args.commands)
     if args.shard != "1/1":
         raise ValueError(f"argument --commands: not allowed with --shard {args.shard}")
-    dataclasses.replace(storage, shard=(n, n)).chunks(count("n", samples))
+    size = storage.sized(count("n", samples))
+    dataclasses.replace(storage, shard=(n, n)).chunks(samples, size)
     words = ["jaxpound", args.command, str(args.config)]
     for name, value in vars(args).items():
         if name not in ("command", "config", "commands", "shard") and value not in (None, False):

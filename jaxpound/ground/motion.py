@@ -348,7 +348,7 @@ class SupportMotions(Sum):
     def __post_init__(self) -> None:
         super().__post_init__()
         for k, ground in enumerate(self.grounds):
-            if _is_of_supports(ground):
+            if support_counts(ground):
                 raise InvalidInput(f"grounds[{k}]", repr(ground), "must be of one support")
 
     def unresolved(self, dt: float) -> list[str]:
@@ -359,11 +359,13 @@ class SupportMotions(Sum):
         return values[0]
 
 
-def _is_of_supports(ground: Any) -> bool:
-    """Whether a motion is that of each support, or a part of it is."""
-    if isinstance(ground, tuple | SupportMotions):
-        return True
-    return isinstance(ground, _Combination) and any(map(_is_of_supports, ground._terms()))
+def support_counts(ground: GroundLike) -> set[int]:
+    """The numbers of supports of which the parts of a motion are; empty if all move alike."""
+    ground = by_supports(ground)
+    if isinstance(ground, SupportMotions):
+        return {len(ground.grounds)}
+    terms = ground._terms() if isinstance(ground, _Combination) else ()
+    return {count for term in terms for count in support_counts(term)}
 
 
 @pytree_dataclass

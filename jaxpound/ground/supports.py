@@ -17,6 +17,7 @@ from jaxpound.ground.motion import (
     as_motion,
     by_supports,
     require_ground,
+    support_counts,
 )
 
 VELOCITY = Range(1, 1e5, "m/s", "200 to 2,000 m/s is usual")
@@ -83,7 +84,7 @@ def require_plausible_wave(velocity: Any, distances: Sequence[Any]) -> None:
 def at_support(ground: GroundLike, number: int) -> Any:
     """The motion of a support by its number; of motions without supports, that of all."""
     ground = by_supports(ground)
-    if not _counts(ground):
+    if not support_counts(ground):
         return ground
     if isinstance(ground, SupportMotions):
         return ground.grounds[number]
@@ -105,7 +106,7 @@ def n_supports(ground: GroundLike) -> int:
 
     An ``InvalidInput`` if its parts are of different numbers.
     """
-    if len(counts := _counts(ground)) > 1:
+    if len(counts := support_counts(ground)) > 1:
         numbers = " and ".join(map(str, sorted(counts)))
         raise InvalidInput("ground", "", f"must be of as many supports in each part, not {numbers}")
     return max(counts, default=0)
@@ -117,13 +118,3 @@ def require_supports(ground: GroundLike, n: int) -> None:
         rule = f"must be of {n}: structures name {n - 1} beside the ground, by support(k) in ends "
         rule += "or in supports="
         raise InvalidInput(f"ground, motions of {count} supports,", "", rule)
-
-
-def _counts(ground: GroundLike) -> set[int]:
-    """The numbers of supports of which the parts of a motion are; empty if all move alike."""
-    ground = by_supports(ground)
-    if isinstance(ground, SupportMotions):
-        return {len(ground.grounds)}
-    terms = ground.grounds if isinstance(ground, Sum) else ()
-    terms = (ground.ground,) if isinstance(ground, Scaled) else terms
-    return {count for term in terms for count in _counts(term)}

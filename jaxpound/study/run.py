@@ -122,7 +122,7 @@ def monte_carlo(
         *(storage, storage.sized(n)),
         x64=bool(jax.config.jax_enable_x64),  # type: ignore[attr-defined]
     )
-    chunks = storage.chunks(task.n)
+    chunks = storage.chunks(task.n, task.chunk_size)
     units = result_units(structures_of(scenarios))
     identity = task.identity() | {"scales": describe(units)}
     task = task.identified(identity)

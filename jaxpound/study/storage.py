@@ -90,9 +90,9 @@ class Storage(Checked):
             return Store(self.folder).chunk_size
         return min(max(_SMALLEST, 2 ** int(math.log2(n / _CHUNKS))), _LARGEST)
 
-    def chunks(self, n: int) -> range:
-        """Numbers, from 0, of the shard's chunks of a study of n samples."""
-        (first, shards), chunks = self.shard, range(-(-n // self.sized(n)))
+    def chunks(self, n: int, size: int) -> range:
+        """Numbers, from 0, of the shard's chunks, of this size, of a study of n samples."""
+        (first, shards), chunks = self.shard, range(-(-n // size))
         if first > len(chunks):
             rule = f"must leave a chunk for each shard: the study has {len(chunks)}"
             rule += "; a smaller chunk_size makes more"
