@@ -126,7 +126,7 @@ def test_every_comparison_of_the_readme_was_measured():
     """Its numbers are in the page that the row's command makes, or is the heading of."""
     page = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
     _, *sections = re.split(r"^## ", page, flags=re.M)
-    row = r"^\| [^|]* \|(.*)\| `(python (?:-m )?benchmarks[^ `]*)[^`]*` \|$"
+    row = r"^\| [^|]* \| JAX [^|]* \|(.*)\| `(python (?:-m )?benchmarks[^ `]*)[^`]*` \|$"
     rows = re.findall(row, (ROOT / "README.md").read_text(encoding="utf-8"), re.M)
     assert len(rows) == 6
     for numbers, command in rows:
@@ -190,6 +190,21 @@ def test_the_risk_of_an_impact_is_that_of_its_notebook(from_notebooks):
     assert len(numbers) > 20
     for number in numbers:
         assert any(re.search(rf"(?<![\d.]){re.escape(number)}", text) for text in texts), number
+
+
+def test_below_a_public_name_are_the_pages_that_use_it():
+    uses = of_docs("uses")
+    assert "how_to/soil" in uses.users("jaxpound.on_soil")
+    assert "api/ground" in uses.users("jaxpound.ground.PeriodRange")
+    assert uses.users("jaxpound.TimeGrid")[0] in uses.uses()["TimeGrid.until"]
+    lines = ["A grid."]
+    uses.list_users(None, "class", "jaxpound.TimeGrid", jp.TimeGrid, None, lines)
+    assert lines[2] == ".. rubric:: Examples that use this"
+    pages = re.findall(r":doc:`/([^`]+)`", lines[4])
+    assert 1 < len(pages) <= uses.MOST
+    for page in pages:
+        file = ROOT / f"{page}.ipynb" if "notebooks" in page else DOCS / f"{page}.md"
+        assert "jp.TimeGrid" in file.read_text(encoding="utf-8")
 
 
 def test_the_picture_of_choices_is_that_of_its_page():

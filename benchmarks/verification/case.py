@@ -86,6 +86,8 @@ class Curve:
     program: str
     errors: tuple[float, ...]
     seconds: tuple[float, ...]
+    version: str = ""
+    """Of the program, where it is not jaxpound."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,7 +105,7 @@ class Case:
     seconds: float = 0.0
     """Wall time of the whole case, compilation and its reference included."""
     made: str = ""
-    """When, and by which versions."""
+    """When the case was computed, by which versions, and on which machine."""
 
     def faults(self) -> list[str]:
         """What does not hold; empty for a case that passes or was skipped."""

@@ -12,9 +12,12 @@ case that does not hold is not written; it is named, and the exit status is 1.
 import argparse
 import dataclasses
 import os
+import platform
+import re
 import sys
 import time
 from datetime import date
+from pathlib import Path
 
 import jax
 
@@ -30,8 +33,17 @@ def tried(name: str) -> Case:
     start = time.perf_counter()
     case = CASES[name]()
     seconds = time.perf_counter() - start
-    versions = f"jaxpound {jp.__version__}, JAX {jax.__version__}, {os.cpu_count()} cores"
-    return dataclasses.replace(case, seconds=seconds, made=f"{date.today()}, {versions}")
+    return dataclasses.replace(case, seconds=seconds, made=f"{date.today()}, {machine()}")
+
+
+def machine() -> str:
+    """The versions and the processor that times depend on."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    cpus = Path("/proc/cpuinfo")
+    models = re.findall(r"model name\s*: (.*)", cpus.read_text()) if cpus.exists() else []
+    processor = models[0] if models else platform.processor()
+    versions = f"jaxpound {jp.__version__}, JAX {jax.__version__}, Python {python}"
+    return f"{versions}, {os.cpu_count()} cores of {processor or platform.machine()}"
 
 
 def told(case: Case) -> None:

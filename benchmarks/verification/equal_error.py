@@ -23,6 +23,8 @@ class Ratio(NamedTuple):
     """That time over jaxpound's for one run."""
     of_batch: float | None
     """That time over jaxpound's for a run of a batch."""
+    version: str = ""
+    """Of the other program."""
 
 
 def ratios(curves: Sequence[Curve]) -> list[Ratio]:
@@ -46,5 +48,5 @@ def ratios(curves: Sequence[Curve]) -> list[Ratio]:
                 seconds = float(np.exp((np.log(error) - height) / slope))
                 of_batch = seconds / batch.seconds[i] if batch else None
                 of_run = seconds / ours.seconds[i]
-                found.append(Ratio(panel, program, error, seconds, of_run, of_batch))
+                found.append(Ratio(panel, program, error, seconds, of_run, of_batch, other.version))
     return found

@@ -88,7 +88,7 @@ def pair(loaded, steps=PAIR_STEPS, lanes: int = LANES) -> tuple[list[Errors], li
     errors.append(
         Errors("pair: x1 and x2, OpenSees", steps[THEIRS], tuple(off), 20.0, 1, tuple(seconds))
     )
-    curves.append(Curve(PAIR, THEIRS, tuple(off), tuple(seconds)))
+    curves.append(Curve(PAIR, THEIRS, tuple(off), tuple(seconds), ops.version()))
     return errors, curves
 
 
@@ -113,7 +113,8 @@ def rows(loaded, steps=ROW_STEPS, names=NAMES) -> tuple[list[Errors], list[Curve
             what = f"{name}, {program.partition(',')[0]}"
             errors.append(Errors(what, steps[program], off, constant, order, seconds))
             if name == "three of one storey":
-                curves.append(Curve(ROW, program, off, seconds))
+                version = ops.version() if program == THEIRS else ""
+                curves.append(Curve(ROW, program, off, seconds, version))
     return errors, curves
 
 

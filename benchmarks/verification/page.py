@@ -69,10 +69,11 @@ integrators: `python benchmarks/opensees.py` and `python benchmarks/opensees_row
 
 **Siconos.** [Siconos](https://github.com/siconos/siconos) solves the same inclusions (unilateral
 contact, impacts, Coulomb's friction) by event-capturing time stepping. It is not on the Python
-package index. Debian and Ubuntu have it (`apt install python3-siconos`, 4.4.0 in Debian 12) for
-the Python of the system, so the suite runs it in a process of that interpreter, which needs no part
-of jaxpound. The suite tries its own interpreter, the `python3` of the path and `/usr/bin/python3`,
-and takes the first that can import Siconos; the environment variable {python} names another.
+package index. Debian and Ubuntu have it (`apt install python3-siconos`, in Debian 12 the package
+4.4.0, which calls itself 4.5.0) for the Python of the system, so the suite runs it in a process of
+that interpreter, which needs no part of jaxpound. It tries its own interpreter, the `python3` of
+the path and `/usr/bin/python3`, and takes the first that can import Siconos; the environment
+variable {python} names another.
 Python's part of the loop is 2.5 µs a step. The time of Siconos itself grows with the number of
 Maxwell branches: a step takes 6 µs with one branch for each rod, 30 µs with 16 and 40 µs with
 {branches}. The fit alone causes errors of 5e-5 with 16 and of 3e-6 with {branches} branches. As a
@@ -138,13 +139,16 @@ def section(case: Case) -> str:
 
 def _ratios(cases: dict[str, Case]) -> str:
     """Times at equal errors as a table."""
-    lines = ["| | error | | its time | over one run | over a run of a batch |", "|---" * 6 + "|"]
-    for one in ratios([curve for case in cases.values() for curve in case.curves]):
-        program = one.program.partition(",")[0]
-        times = f"{one.of_run:.1f}" if one.of_run < 9.95 else f"{one.of_run:,.0f}"
-        batch = f"{one.of_batch:,.0f}" if one.of_batch else ""
-        cells = one.panel, f"{one.error:.1e}", program, _duration(one.seconds), times, batch
-        lines.append("| " + " | ".join(cells) + " |")
+    heads = "", "error", "program", "its time", "over one run", "over a run of a batch", "measured"
+    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for case in cases.values():
+        for ratio in ratios(case.curves):
+            program = f"{ratio.program.partition(',')[0]} {ratio.version}".strip()
+            times = f"{ratio.of_run:.1f}" if ratio.of_run < 9.95 else f"{ratio.of_run:,.0f}"
+            batch = f"{ratio.of_batch:,.0f}" if ratio.of_batch else ""
+            error, seconds = f"{ratio.error:.1e}", _duration(ratio.seconds)
+            cells = ratio.panel, error, program, seconds, times, batch, case.made
+            lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 

@@ -123,8 +123,8 @@ def missing() -> str:
 
 def peer(
     structures: jp.AdjacentStructures, steps: Sequence[float], rounds: int = ROUNDS
-) -> tuple[list[NDArray], tuple[float, ...]]:
-    """Motions by Siconos, each of x1, x2, v1, v2 by instant, and wall times of the loop."""
+) -> tuple[list[NDArray], tuple[float, ...], str]:
+    """Motions by Siconos (x1, x2, v1, v2 by instant), wall times of the loop, and its version."""
     ground, given = jp.paper.ground(), pair(structures)._asdict()
     contact = structures.contact
     for i, h in enumerate(steps):
@@ -145,7 +145,7 @@ def peer(
         subprocess.run(call, check=True, capture_output=True, env={**os.environ, **one_core})
         with np.load(found) as motions:
             runs = [motions[f"motion_{i}"] for i in range(len(steps))]
-            return runs, tuple(motions["seconds"].tolist())
+            return runs, tuple(motions["seconds"].tolist()), str(motions["version"])
 
 
 def closing_error(problem: Problem, h: float, moved: NDArray) -> float:
@@ -163,6 +163,8 @@ class Runs(NamedTuple):
     seconds: tuple[float, ...]
     crowd: tuple[float, ...] = ()
     """Of a run of a batch."""
+    version: str = ""
+    """Of the program."""
 
 
 def by_jaxpound(problem: Problem) -> Runs:
@@ -187,11 +189,12 @@ def by_jaxpound(problem: Problem) -> Runs:
 
 def by_siconos(problem: Problem) -> Runs:
     """Siconos on the Maxwell branches; the smallest gap is that of its instants."""
-    found, seconds = peer(problem.structures, STEPS[THEIRS])
+    found, seconds, version = peer(problem.structures, STEPS[THEIRS])
     rest, least = float(problem.structures.initial_gap), problem.min_gap or 0.0
     of_gap = (abs(rest + float((x[:, 1] - x[:, 0]).min()) - least) for x in found)
     both = zip(STEPS[THEIRS], found, strict=True)
-    return Runs(tuple(closing_error(problem, h, x) for h, x in both), tuple(of_gap), seconds)
+    of_closing = tuple(closing_error(problem, h, x) for h, x in both)
+    return Runs(of_closing, tuple(of_gap), seconds, version=version)
 
 
 def by_opensees(problem: Problem) -> Runs:
@@ -217,7 +220,7 @@ def by_opensees(problem: Problem) -> Runs:
         x, seconds = timed(call)
         off.append(float(np.abs(x[:, 0] - x[:, 1] - problem.closing).max()))
         times.append(seconds)
-    return Runs(tuple(off), (), tuple(times))
+    return Runs(tuple(off), (), tuple(times), version=ops.version())
 
 
 def compared(problem: Problem) -> tuple[list[Errors], list[Curve]]:
@@ -235,7 +238,7 @@ def compared(problem: Problem) -> tuple[list[Errors], list[Curve]]:
         if problem.min_gap is not None and runs.min_gap:
             quantity = f"{problem.name}: smallest gap, {who}"
             errors.append(Errors(quantity, steps, runs.min_gap, bound, order, runs.seconds))
-        curves.append(Curve(panel, program, runs.closing, runs.seconds))
+        curves.append(Curve(panel, program, runs.closing, runs.seconds, runs.version))
         if runs.crowd:
             curves.append(Curve(panel, BATCH, runs.closing, runs.crowd))
     return errors, curves

@@ -7,13 +7,15 @@ Siconos comes for the system's Python; this script needs it and NumPy only. PROB
 ``friction`` of the force between the first two coordinates, their ``gap`` and Newton's
 ``restitution`` (not a number: no contact), ``steps``, for step i the mean of u″ over each step
 ``acceleration_i``, and how many ``rounds`` to time. FOUND gets for step i ``motion_i``, with x1,
-x2, v1, v2 at all instants, and ``seconds``: the shortest wall time of the loop over the steps.
+x2, v1, v2 at all instants, ``seconds``: the shortest wall time of the loop over the steps, and the
+``version`` of Siconos.
 """
 
 import sys
 import time
 
 import numpy as np
+import siconos
 import siconos.kernel as kernel
 
 
@@ -70,7 +72,7 @@ def main():
         for i, h in enumerate(given["steps"]):
             found[f"motion_{i}"], loop = run(given, float(h), given[f"acceleration_{i}"])
             seconds[i] = min(seconds[i], loop)
-    np.savez(sys.argv[2], seconds=seconds, **found)
+    np.savez(sys.argv[2], seconds=seconds, version=siconos.version, **found)
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ def test_jaxpound_moves_the_pair_of_order_1_like_scipy(smooth):
 def test_siconos_moves_the_pair_of_order_1_like_scipy(smooth):
     if siconos_peer.missing():
         pytest.skip(siconos_peer.missing())
-    (moved,), (seconds,) = siconos_peer.peer(siconos_peer.SMOOTH, [GRID.dt], rounds=1)
+    (moved,), (seconds,), _ = siconos_peer.peer(siconos_peer.SMOOTH, [GRID.dt], rounds=1)
     assert moved.shape == (GRID.n_steps + 1, 4)
     assert np.abs(moved[SOME, :2] - smooth.x).max() < 2e-3
     assert seconds > 0
