@@ -6,6 +6,7 @@ import contextlib
 import io
 import os
 import re
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,7 @@ extensions = [
     "from_notebooks",
     "table_of_inputs",
     "tables_of_columns",
+    "uses",
 ]
 exclude_patterns = ["_build", "_templates", "jupyter_execute"]
 templates_path = ["_templates"]
@@ -166,8 +168,15 @@ def plain_types(app: Any, domain: str, objtype: str, content: Any) -> None:
                 del types[name]
 
 
+def serve_idioms(app: Any, exception: Exception | None) -> None:
+    """The page for coding assistants as ``llms.txt``, where they look for it."""
+    if exception is None and app.builder.format == "html":
+        shutil.copyfile(HERE / "llms.md", Path(app.outdir) / "llms.txt")
+
+
 def setup(app: Any) -> None:
     """Connect the above."""
+    app.connect("build-finished", serve_idioms)
     app.add_directive("command-help", CommandHelp)
     app.add_directive("example-config", ExampleConfig)
     app.connect("autodoc-process-docstring", keep_as_written, priority=400)

@@ -12,7 +12,7 @@ from tests.test_docs import DOCS, code
 FOLDER = DOCS / "how_to"
 COURSE = DOCS / "course"
 PAGES = sorted(
-    {*FOLDER.glob("*.md"), *COURSE.glob("*.md"), DOCS / "isolation.md"}
+    {*FOLDER.glob("*.md"), *COURSE.glob("*.md"), DOCS / "isolation.md", DOCS / "llms.md"}
     - {FOLDER / "index.md", COURSE / "index.md"}
 )
 

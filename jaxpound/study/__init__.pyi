@@ -10,6 +10,7 @@ from .rod_tests import rod_force as rod_force
 from .run import monte_carlo as monte_carlo
 from .sensitivity import Sensitivity as Sensitivity
 from .sensitivity import sobol_sensitivity as sobol_sensitivity
+from .sources import citation as citation
 from .spectrum import InelasticSpectrum as InelasticSpectrum
 from .spectrum import SpectralAcceleration as SpectralAcceleration
 from .spectrum import inelastic_spectrum as inelastic_spectrum

@@ -30,6 +30,7 @@ from jaxpound.study import weighting
 from jaxpound.study.chunk import finished, total
 from jaxpound.study.fragility import Fragility, fit_fragility
 from jaxpound.study.gaps import RequiredGaps, Separation, double_difference_correlation, srss
+from jaxpound.study.sources import citation_of
 from jaxpound.study.statistics import Estimate, Moments, quantile
 from jaxpound.study.weighting import Hits, Weighting, correlation, require_weights
 from jaxpound.units import Scales
@@ -466,6 +467,11 @@ class Study(Columnar, Shown):
         """Columns that tables show: no parameters of scenarios, no slip without friction."""
         names = [name for name in self.columns if name not in self.about["identity"]["parameters"]]
         return without_idle_dampers(names, lambda name: self._moments[name].largest)
+
+    def citation(self) -> str:
+        """What to cite for the study, as ``jp.study.citation`` has it, by the version that ran."""
+        identity = self.about["identity"]
+        return citation_of(identity, identity["versions"]["jaxpound"])
 
     def to_xarray(self) -> Dataset:
         """All columns as an ``xarray.Dataset`` along ``sample``, with units as attributes.
