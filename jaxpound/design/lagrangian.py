@@ -27,7 +27,8 @@ _MULTIPLIERS_EVERY = 10  # iterations
 _FIRST_WEIGHT, _LARGEST_WEIGHT = 10.0, 100.0  # larger ones make steps and multipliers oscillate
 _AT_BOUND = 0.005  # scaled distance from a bound within which a variable counts as at that bound
 _NEAR_LIMIT = 0.01  # of the limit
-_STEPS = 30  # of polishing, at most
+_STEPS = 30  # of polishing, at most, in each of
+_REGIONS = 1.0, 0.2, 0.04  # the variables' ranges about the best design, until it improves
 _FAR = 1e6  # replaces an objective that is not finite, in units of size
 _EXACT = 1e-9  # a violation that is rounding only
 
@@ -220,9 +221,25 @@ class FirstOrderConditions:
         return np.asarray(at_active_bound(scaled, gradient, np.asarray(self.data.box), _AT_BOUND))
 
     def polished(self, best: Point) -> tuple[Point, int]:
-        """The best design by sequential quadratic programming, and all runs with a gradient."""
+        """The best design by sequential quadratic programming, and all runs with a gradient.
+
+        The first step may lead to where nothing has a slope, such as a damper that never slips. The
+        program ends there; a smaller region about the best design is then tried.
+        """
+        terms = 1 + np.asarray(self.data.limits).size
+        improved = best
+        for radius in _REGIONS:
+            ended_well = self._program(best, radius)
+            improved = self._least(best)
+            if ended_well or improved.merit < best.merit:
+                break
+        return improved, len(self._evaluated) * -(-terms // self.starts) * self.starts
+
+    def _program(self, best: Point, radius: float) -> bool:
+        """Whether SciPy's program from a design ends well; all designs on its path are kept."""
         limits, size = np.asarray(self.data.limits, np.float64), float(self.data.size)
         low, high = np.asarray(self.data.box, np.float64)
+        region = np.maximum(low, best.scaled - radius), np.minimum(high, best.scaled + radius)
 
         def at(scaled: np.ndarray) -> FirstOrder:
             return self.at(projected(scaled, (low, high)).astype(best.scaled.dtype))
@@ -235,18 +252,21 @@ class FirstOrderConditions:
             "fun": lambda x: double(1 - at(x).point.limited / limits, -1.0),
             "jac": lambda x: -double(at(x).slopes),
         }
-        minimize(
+        end = minimize(
             lambda x: float(double(-at(x).point.objective / size, _FAR)),
             double(best.scaled),
             jac=lambda x: double(at(x).goal),
-            bounds=[*zip(low, high, strict=True)],
+            bounds=[*zip(*region, strict=True)],
             constraints=[constraint] if limits.size else (),
             method="SLSQP",
             options={"maxiter": _STEPS, "ftol": 1e-10},
         )
+        return bool(end.success)
+
+    def _least(self, best: Point) -> Point:
+        """The best of all designs that were evaluated, and of this one."""
         points = [evaluated.point for evaluated in self._evaluated.values()]
         candidates = [best, *(point for point in points if np.isfinite(point.merit))]
-        runs = len(points) * -(-(limits.size + 1) // self.starts) * self.starts
         tolerance = float(self.data.tolerance)
 
         def least(excess: float) -> Point | None:
@@ -256,8 +276,8 @@ class FirstOrderConditions:
         # Prefer a design within the limits to one slightly above them with a slightly lower merit.
         exact, tolerable = least(_EXACT), least(tolerance) or best
         if exact is not None and exact.merit <= tolerable.merit + 5 * tolerance:
-            return exact, runs
-        return tolerable, runs
+            return exact
+        return tolerable
 
     def multipliers(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """Multipliers ≥ 0 of the active limits at a design, and the Lagrangian's gradient there.

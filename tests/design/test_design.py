@@ -172,6 +172,22 @@ def test_the_winner_is_polished_and_its_limit_is_worth_its_multiplier(stand_in):
     assert "active limit" not in str(loose)
 
 
+def test_a_first_step_to_where_nothing_has_a_slope_does_not_end_polishing(monkeypatch):
+    """The limited demand falls with friction at first, and from 0.8 on the damper never slips."""
+
+    def demands(self, structures, ground):
+        friction = jnp.minimum(structures.system().links[0].friction, 0.8)
+        limited = jnp.where(friction < 0.1, 0.45 - 0.3 * friction, 0.42 + 1.2 * (friction - 0.1))
+        values = dict.fromkeys(LIMITABLE_OF_PAIR, limited) | {"initial_gap": 2.0}
+        return {name: jnp.asarray(x, float) for name, x in (values | {"min_gap": friction}).items()}
+
+    monkeypatch.setattr(DesignProblem, "demands", demands)
+    space = jp.DesignSpace(PAPER, {"friction": (0.0, 1.0)})
+    design = search(LIMITED, space, starts=1, iterations=1, start={"friction": 0.02})
+    assert design.values["friction"] == pytest.approx(0.1 + 0.08 / 1.2, rel=1e-6)
+    assert design.limited_demands["damper_force"] == pytest.approx(0.5, rel=1e-6)
+
+
 def test_parts_of_the_ensemble_find_the_whole_s_optimum(stand_in):
     def whole(values):
         return np.mean(bowl(values["friction"], values["mass_ratio"], AMPLITUDES))
