@@ -29,7 +29,6 @@ _RENAMED = {  # in version 0.3
     "dimensionless": "Buildings((left, right), (FloorLink(0, 0, …),)).dimensionless()",
     "dimensionless_row": "Buildings(buildings, links).dimensionless()",
     "growth": "study.perturbation_growth",
-    "isolated": "on_bearings",
     "simulate_buildings": "simulate(Buildings((left, right), links), record)",
     "simulate_row": "simulate(Buildings(buildings, links), record)",
 }

@@ -124,9 +124,23 @@ FIRST = ("notebooks", "_xla", "simulation", "reliability", "design", "cli", "stu
 """Folders of long files: these come first, so that no process ends long after the other."""
 
 
-def pytest_collection_modifyitems(items):
+def pytest_addoption(parser):
+    parser.addoption("--thorough", action="store_true", help="and the tests of tests/thorough.txt")
+
+
+def pytest_collection_modifyitems(config, items):
     places = {folder: place for place, folder in enumerate(FIRST)}
     items.sort(key=lambda item: places.get(item.path.parent.name, len(places)))
+    lines = Path(__file__).with_name("thorough.txt").read_text("utf-8").splitlines()
+    thorough = {line for line in lines if not line.startswith("#")}
+    if not any("::" in argument for argument in config.args):  # whole files
+        files, names = {item.nodeid.partition("::")[0] for item in items}, {x.nodeid for x in items}
+        gone = [x for x in thorough - names if x.partition("::")[0] in files]
+        if gone:
+            raise pytest.UsageError(f"tests/thorough.txt names no tests: {', '.join(gone)}")
+        if not config.getoption("thorough"):
+            config.hook.pytest_deselected([item for item in items if item.nodeid in thorough])
+            items[:] = [item for item in items if item.nodeid not in thorough]
 
 
 class ByFile(LoadScopeScheduling):
