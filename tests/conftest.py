@@ -139,7 +139,8 @@ def pytest_collection_modifyitems(config, items):
         if gone:
             raise pytest.UsageError(f"tests/thorough.txt names no tests: {', '.join(gone)}")
         if not config.getoption("thorough"):
-            config.hook.pytest_deselected([item for item in items if item.nodeid in thorough])
+            left_out = [item for item in items if item.nodeid in thorough]
+            config.hook.pytest_deselected(items=left_out)
             items[:] = [item for item in items if item.nodeid not in thorough]
 
 
