@@ -14,6 +14,8 @@ import nbformat
 HERE = Path(__file__).parent
 MOST = 6
 """Pages that are named, those that use the name most."""
+SCRIPTS = {"regional_risk": "catalogue.py", "how_to/cluster": "many_processes.py"}
+"""Programs that pages include."""
 
 
 def _programs() -> Iterator[tuple[str, str]]:
@@ -23,6 +25,8 @@ def _programs() -> Iterator[tuple[str, str]]:
         blocks = re.findall(r"^```python\n(.*?)^```", path.read_text(encoding="utf-8"), re.M | re.S)
         if blocks and not page.startswith(("_build", "changelog", "notebooks/")):
             yield page, "\n".join(blocks)
+    for page, script in SCRIPTS.items():
+        yield page, (HERE.parent / "examples" / script).read_text(encoding="utf-8")
     for path in sorted((HERE.parent / "notebooks").glob("*.ipynb")):
         cells = nbformat.read(path, as_version=4).cells
         code = "\n".join(cell.source for cell in cells if cell.cell_type == "code")
@@ -34,8 +38,8 @@ def uses() -> dict[str, Counter[str]]:
     """How often each page uses each name below ``jp``, such as ``results.Energy``."""
     pages: dict[str, Counter[str]] = {}
     for page, code in _programs():
-        for name in re.findall(r"\bjp\.([\w.]+\w)", code):
-            parts = name.split(".")  # TimeGrid.until is a use of TimeGrid, too
+        for match in re.finditer(r"\b(?:jp\.)?(plots\.[\w.]+\w)|\bjp\.([\w.]+\w)", code):
+            parts = (match[1] or match[2]).split(".")  # TimeGrid.until is a use of TimeGrid, too
             for end in range(1, len(parts) + 1):
                 pages.setdefault(".".join(parts[:end]), Counter())[page] += 1
     return pages
@@ -43,8 +47,12 @@ def uses() -> dict[str, Counter[str]]:
 
 def users(name: str) -> list[str]:
     """The pages that use a public name most, such as ``jaxpound.results.Energy``."""
-    short = name.removeprefix("jaxpound.")
-    counts = uses().get(short, Counter()) + uses().get(short.rpartition(".")[2], Counter())
+    *wings, last = name.removeprefix("jaxpound.").split(".")
+    spellings = {
+        ".".join([*wings, last]),
+        ".".join([*wings[:1], last]) if "plots" in wings else last,
+    }
+    counts = sum((uses().get(spelling, Counter()) for spelling in spellings), Counter())
     return [page for page, _ in counts.most_common(MOST)]
 
 

@@ -30,8 +30,8 @@ class Ratio(NamedTuple):
 def ratios(curves: Sequence[Curve]) -> list[Ratio]:
     """Of all panels with a curve of jaxpound's, at its errors within the other's range.
 
-    Errors of programs that do not find the instants of events scatter about a power of the step:
-    the other's time is that of the line fitted to log(error) over log(time).
+    The other's time is interpolated in logarithms between its measured runs, without those that
+    take longer than a run whose error is as small.
     """
     found = []
     panels = list(dict.fromkeys(curve.panel for curve in curves))
@@ -41,11 +41,14 @@ def ratios(curves: Sequence[Curve]) -> list[Ratio]:
         for program, other in known.items():
             if ours is None or program in (OURS, BATCH):
                 continue
-            slope, height = np.polyfit(np.log(other.seconds), np.log(other.errors), 1)
+            order = np.argsort(other.seconds)
+            times, errors = np.array(other.seconds)[order], np.array(other.errors)[order]
+            improves = errors < np.minimum.accumulate(np.r_[np.inf, errors[:-1]])
+            times, errors = np.log(times[improves]), np.log(errors[improves])
             for i, error in enumerate(ours.errors):
-                if not min(other.errors) <= error <= max(other.errors):
+                if not errors[-1] <= np.log(error) <= errors[0]:
                     continue
-                seconds = float(np.exp((np.log(error) - height) / slope))
+                seconds = float(np.exp(np.interp(-np.log(error), -errors, times)))
                 of_batch = seconds / batch.seconds[i] if batch else None
                 of_run = seconds / ours.seconds[i]
                 found.append(Ratio(panel, program, error, seconds, of_run, of_batch, other.version))

@@ -47,6 +47,10 @@ def citation_of(described: Any, version: str) -> str:
     nodes = [*_objects(described)]
     names = {x for node in nodes for key, x in node.items() if key != "name" and type(x) is str}
     names |= {f"{x.get('type')}({key}=True)" for x in nodes for key in x if x[key] is True}
+    if any(x.get("tau_f") is not None for x in nodes):
+        names.add("ZenerRod")  # also as a building states it
+    else:
+        names -= {"ModalHistory", "FullHistory"}  # of which nothing makes use
     bibliography = next(file for file in _BIBLIOGRAPHY if file.exists()).read_text("utf-8")
     paper, *others = re.findall(r"^- (.*(?:\n  .*)*)", bibliography, re.M)
     code = r"[`\"](?:~jaxpound\.(?:\w+\.)*)?([^`\"]+)[`\"]"  # of a use: classes and options
