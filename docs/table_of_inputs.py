@@ -86,6 +86,7 @@ _OF_DESIGN = "from the design of the columns"
 _OF_ELEVATIONS = "left out between `ShearBuilding`: it follows from the elevations"
 _OF_ENDS = "left out: they follow from `ends`"
 _OF_PERIOD = "`from_period` computes it"
+_HERTZ = "3e9 (Jankowski 2005) to 3e10 (Muthukumar and DesRoches 2006) between floors of concrete"
 _OF_FOOTPRINT = "that of the building"
 _SAMPLES = "500 to 3,000"
 _STEP = "0.01 to 0.02"
@@ -133,12 +134,12 @@ USUAL = {
     "FrictionPendulum.ultimate_displacement": _CAPACITY,
     "GammaEnvelope.peak": "2 to 10",
     "GammaEnvelope.power": "1 to 5: the larger, the shorter",
-    "Hertz.stiffness": "about 3e9 between floors of concrete",
-    "HertzDamped.stiffness": "about 3e9 between floors of concrete",
+    "Hertz.stiffness": _HERTZ,
+    "HertzDamped.stiffness": _HERTZ,
     "Inerter.inertance": "0.01 to 1 times the mass of the floors",
     "InitialState.displacements": "left out: at rest",
     "InitialState.velocities": "left out: at rest",
-    "Jankowski.stiffness": "about 3e9 between floors of concrete",
+    "Jankowski.stiffness": _HERTZ,
     "KanaiTajimi.damping": "0.6 of firm soil",
     "KanaiTajimi.frequency": "15.6 of firm soil",
     "KelvinVoigt.stiffness": "20 times the stiffness of the stiffer storey, or E A/L of the floor: "
@@ -152,6 +153,7 @@ USUAL = {
     "LogNormal.median": _ANY,
     "LogNormal.sigma": "0.2 to 0.6",
     "ModalDamping.ratios": _DAMPING,
+    "MoatWall.gap": "1 to 1.5 times the displacement that the code expects: 0.3 to 0.8",
     "NonstationaryNoise.arias_intensity": "a median of 0.013",
     "NonstationaryNoise.damping": "0.02 to 1, with a mean of 0.22",
     "NonstationaryNoise.dt": _STEP,
@@ -174,6 +176,13 @@ USUAL = {
     "Pulse.cycles": "1 to 3",
     "Pulse.phase": "0 to π",
     "Pulse.period": "1 to 8: it grows with the magnitude",
+    "RandomPulse.amplitude": "0.3 to 1.5 near faults, of both signs by `TwoSided`",
+    "RandomPulse.arrival": "later than half of the duration",
+    "RandomPulse.period": "1 to 8: it grows with the magnitude",
+    "RandomPulse.phase": "0 to π",
+    "RandomRicker.amplitude": "0.01 to 0.1",
+    "RandomRicker.arrivals": "later than the period",
+    "RandomRicker.periods": "0.5 to 4",
     "RandomRicker.negative": "0.5",
     "RandomRicker.wavelets": "5",
     "Rayleigh.ratio": _DAMPING,
@@ -428,6 +437,7 @@ def rows(name: str) -> Iterator[Row]:
             stated = MUST.get(path) or MUST.get(field.name)
             must = stated or kinds_of(field) or texts.get(field.name) or MUST[cls_name]
             usual = USUAL.get(path, NONE)
+            source = SOURCES.get(path) or (NONE if usual == NONE else source)
             yield Row(label, NONE, UNITS.get(path, NONE), plain, must, usual, source)
     for function, ranges in ARGUMENTS.get(name, {}).items():
         signature = inspect.signature(getattr(cls, function)).parameters

@@ -17,8 +17,8 @@ from jaxpound.model.structures import storey_ends
 from jaxpound.model.topology import GROUND, Ends
 
 _RATIO = Range(0, 1, "", "of the critical damping; 0.05 is 5 %")
-_OF_MASS = Range(0, 1e3, "1/s", "some hundredths of a rigid building's frequency")
-_OF_STIFFNESS = Range(0, 1e2, "s", "some hundredths of a flexible building's period")
+_OF_MASS = Range(0, 1e3, "1/s", "2 ζ ω1 ω2/(ω1 + ω2), some hundredths of ω1")
+_OF_STIFFNESS = Range(0, 1e2, "s", "2 ζ/(ω1 + ω2), some thousandths of the period")
 _MODES = (1, 2)
 
 
