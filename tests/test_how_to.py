@@ -4,6 +4,7 @@ import re
 from contextlib import redirect_stdout
 from io import StringIO
 
+import numpy as np
 import pytest
 
 import jaxpound as jp
@@ -36,3 +37,22 @@ def test_a_guide_runs_and_prints_what_it_says(page, tmp_path, monkeypatch):
     monkeypatch.setattr(jp.runtime, "use_cores", lambda: None)  # JAX runs already
     _, lines, said = printed(page)
     assert lines == said
+
+
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
+@pytest.mark.parametrize("page", ["index", "model", "yielding"])
+def test_the_programs_of_a_page_run(page, tmp_path, monkeypatch):
+    """Their comments describe results, and are not compared."""
+    monkeypatch.chdir(tmp_path)
+    law = jp.BoucWen(yield_displacement=0.02, hardening=0.05)
+    cycles = jp.study.cyclic_test(law, [0.0, 0.06, -0.06, 0.06], stiffness=2e6, steps=8)
+    measured = np.stack([cycles.displacement, cycles.force], axis=1)
+    np.savetxt("column.csv", measured, delimiter=",")
+    source = code((DOCS / f"{page}.md").read_text(encoding="utf-8"))
+    names = {"jp": jp, "np": np}
+    with redirect_stdout(StringIO()):
+        exec(compile(source, page, "exec"), names)
+    if page == "model":
+        assert (float(names["force"]), float(names["slope"])) == pytest.approx(
+            (18.29, -50.5), rel=1e-3
+        )
