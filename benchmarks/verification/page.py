@@ -61,7 +61,7 @@ jaxpound and over that of a run of a batch.
 {ratios}
 
 jaxonomy, which integrates from event to event with adaptive steps, has its comparison in the
-[benchmarks](../benchmarks/README.md): with rods of order 1 it takes 1.2 to 1.5 times as long for
+`benchmarks/README.md`: with rods of order 1 it takes 1.2 to 1.5 times as long for
 one accurate run, and 15 to 22 times as long for a run of a batch.
 
 ## OpenSees and Siconos
