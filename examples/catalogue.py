@@ -8,7 +8,8 @@ probability of pounding by peak ground acceleration as
 - ``pounding.xml``, a fragility model of OpenQuake (NRML 0.5), which assesses one limit state;
 - ``fragility.csv``, a damage model of pelicun;
 - ``motions.parquet``, a row for each pair and motion: the gap that it needs at 1 g, and the
-  derivatives of its logarithm by the numbers of the pair, for those who train surrogates.
+  derivatives of its logarithm by the numbers of the pair, for those who train surrogates;
+- ``spectra.parquet``, a row for each motion: its spectral accelerations and Arias intensity.
 
 Frames are elastic, so that the needed gap is in proportion to the motion: one run tells at which
 acceleration every gap closes. Floors of unlevel pairs meet the columns of the neighbour.
@@ -19,6 +20,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import warnings
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -42,6 +44,7 @@ MOTION = jp.scenarios.SiteBasedNoise(
     magnitude=6.8, distance=20.0, vs30=400.0, fault="strike-slip", samples=1250, dt=0.02
 )
 GRID = jp.TimeGrid.until(26.0, dt=0.01)
+PERIODS = 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0  # s, of spectra
 NUMBERS = "period_left", "period_right", "damping"
 NRML = "http://openquake.org/xmlns/nrml/0.5"
 
@@ -60,6 +63,7 @@ def pair(heights: tuple[int, int], floors: str, numbers: jax.Array) -> jp.Buildi
     return jp.Buildings(tuple(frames), jp.floor_links(frames, gap=1.0, columns=columns))
 
 
+@partial(jax.jit, static_argnums=(0, 1))  # one program for all periods
 def log_needed_gaps(
     heights: tuple[int, int], floors: str, numbers: jax.Array, records: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
@@ -70,16 +74,38 @@ def log_needed_gaps(
         demand = jp.demand(pair(heights, floors, numbers), ground, GRID, only=["min_gap"])
         return jnp.log(1.0 - demand.min_gap)  # at rest it is 1 m
 
-    values = jax.vmap(jax.value_and_grad(needed), (None, 0))
-    return jax.jit(values)(numbers, records)
+    return jax.vmap(jax.value_and_grad(needed), (None, 0))(numbers, records)
 
 
-def catalogue(n: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The fragilities, and the runs by which they are, of n motions."""
+def motions(n: int) -> jax.Array:
+    """The samples of n motions with a peak of 1 g."""
     z = jax.random.normal(jax.random.key(0), (n, MOTION.dimension))
     records = jax.lax.map(lambda x: MOTION.draw(x).samples, z, batch_size=50)
-    records = records / abs(records).max(1, keepdims=True)  # 1 g
-    curves, runs = [], []
+    return records / abs(records).max(1, keepdims=True)
+
+
+@jax.jit
+def intensities(records: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Spectral accelerations at ``PERIODS`` in g, (n, periods), and Arias intensities in g s."""
+
+    def measured(samples: jax.Array) -> tuple[jax.Array, jax.Array]:
+        record = jp.Record(samples, MOTION.dt, units="g")
+        at = jax.vmap(lambda period: jp.spectral_acceleration(record, period=period))
+        return at(jnp.array(PERIODS)), jp.ground.arias_intensity(record)
+
+    return jax.vmap(measured)(records)
+
+
+def spectra(records: jax.Array) -> pd.DataFrame:
+    """A row for each motion, whose number is its index among the runs."""
+    accelerations, arias = intensities(records)
+    columns = {f"sa_{period:g}_s": accelerations[:, k] for k, period in enumerate(PERIODS)}
+    return pd.DataFrame({"motion": range(len(records)), **columns, "arias": arias})
+
+
+def catalogue(records: jax.Array) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The fragilities, and the runs by which they are, of motions with a peak of 1 g."""
+    n, curves, runs = len(records), [], []
     for heights, floors, ratio in itertools.product(HEIGHTS, FLOORS, PERIOD_RATIOS):
         periods = PERIOD_OF_STOREY * np.array(heights) * [1.0, ratio]
         numbers = jnp.array([*periods, DAMPING])
@@ -143,11 +169,13 @@ def main() -> None:
     arguments.add_argument("--motions", type=int, default=200, help="motions of each pair")
     stated = arguments.parse_args()
     warnings.simplefilter("ignore", jp.PlausibilityWarning)
-    curves, runs = catalogue(stated.motions)
+    records = motions(stated.motions)
+    curves, runs = catalogue(records)
     stated.out.mkdir(parents=True, exist_ok=True)
     openquake(curves).write(stated.out / "pounding.xml", "utf-8", xml_declaration=True)
     pelicun(curves).to_csv(stated.out / "fragility.csv", index=False)
     runs.to_parquet(stated.out / "motions.parquet", index=False)
+    spectra(records).to_parquet(stated.out / "spectra.parquet", index=False)
     print(f"{len(curves)} fragilities by {len(runs):,} runs, in {stated.out}")
 
 

@@ -33,6 +33,17 @@ def test_pelicun_s_numbers_are_median_and_dispersion():
     assert table["Demand-Unit"] == "g"
 
 
+def test_spectra_are_those_of_each_motion():
+    samples = CATALOGUE["motions"](2)
+    np.testing.assert_allclose(abs(samples).max(1), 1.0)
+    table = CATALOGUE["spectra"](samples)
+    record = jp.Record(samples[1], CATALOGUE["MOTION"].dt, units="g")
+    sa = float(jp.spectral_acceleration(record, period=0.5))
+    assert table["sa_0.5_s"][1] == pytest.approx(sa, rel=1e-9)
+    assert table["arias"][1] == pytest.approx(float(jp.ground.arias_intensity(record)), rel=1e-9)
+    assert list(table["motion"]) == [0, 1]
+
+
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
 def test_a_needed_gap_is_that_of_every_scale_of_the_motion():
     """At the capacity of a gap it is just closed; the slopes are those of differences."""
