@@ -19,7 +19,9 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import os
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
@@ -103,13 +105,27 @@ def spectra(records: jax.Array) -> pd.DataFrame:
     return pd.DataFrame({"motion": range(len(records)), **columns, "arias": arias})
 
 
+def needed_gaps(
+    heights: tuple[int, int], floors: str, records: jax.Array
+) -> list[tuple[jax.Array, jax.Array, jax.Array]]:
+    """Numbers, needed gaps and derivatives of a pair for each ratio of periods."""
+    cases = []
+    for ratio in PERIOD_RATIOS:
+        periods = PERIOD_OF_STOREY * np.array(heights) * [1.0, ratio]
+        numbers = jnp.array([*periods, DAMPING])
+        cases.append((numbers, *log_needed_gaps(heights, floors, numbers, records)))
+    return cases
+
+
 def catalogue(records: jax.Array) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The fragilities, and the runs by which they are, of motions with a peak of 1 g."""
     n, curves, runs = len(records), [], []
-    for heights, floors, ratio in itertools.product(HEIGHTS, FLOORS, PERIOD_RATIOS):
-        periods = PERIOD_OF_STOREY * np.array(heights) * [1.0, ratio]
-        numbers = jnp.array([*periods, DAMPING])
-        values, slopes = log_needed_gaps(heights, floors, numbers, records)
+    pairs = list(itertools.product(HEIGHTS, FLOORS))
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # most of the time is compilation
+        needed = list(threads.map(lambda pair: needed_gaps(*pair, records), pairs))
+    cases = itertools.product(pairs, PERIOD_RATIOS)
+    for ((heights, floors), ratio), case in zip(cases, itertools.chain(*needed), strict=True):
+        numbers, values, slopes = case
         of_pair = {"storeys_left": heights[0], "storeys_right": heights[1], "floors": floors}
         of_pair |= dict(zip(NUMBERS, map(float, numbers), strict=True))
         derivatives = {f"d_{name}": slopes[:, k] for k, name in enumerate(NUMBERS)}
