@@ -19,9 +19,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import os
 import warnings
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
@@ -86,46 +84,28 @@ def motions(n: int) -> jax.Array:
     return records / abs(records).max(1, keepdims=True)
 
 
-@jax.jit
-def intensities(records: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Spectral accelerations at ``PERIODS`` in g, (n, periods), and Arias intensities in g s."""
-
-    def measured(samples: jax.Array) -> tuple[jax.Array, jax.Array]:
-        record = jp.Record(samples, MOTION.dt, units="g")
-        at = jax.vmap(lambda period: jp.spectral_acceleration(record, period=period))
-        return at(jnp.array(PERIODS)), jp.ground.arias_intensity(record)
-
-    return jax.vmap(measured)(records)
-
-
 def spectra(records: jax.Array) -> pd.DataFrame:
-    """A row for each motion, whose number is its index among the runs."""
-    accelerations, arias = intensities(records)
-    columns = {f"sa_{period:g}_s": accelerations[:, k] for k, period in enumerate(PERIODS)}
-    return pd.DataFrame({"motion": range(len(records)), **columns, "arias": arias})
+    """A row for each motion: spectral accelerations at ``PERIODS`` in g, Arias intensity in g s."""
 
+    def intensities(samples: jax.Array) -> dict[str, jax.Array]:
+        record = jp.Record(samples, MOTION.dt, units="g")
+        accelerations = {
+            f"sa_{period:g}_s": jp.spectral_acceleration(record, period=period)
+            for period in PERIODS
+        }
+        return {**accelerations, "arias": jp.ground.arias_intensity(record)}
 
-def needed_gaps(
-    heights: tuple[int, int], floors: str, records: jax.Array
-) -> list[tuple[jax.Array, jax.Array, jax.Array]]:
-    """Numbers, needed gaps and derivatives of a pair for each ratio of periods."""
-    cases = []
-    for ratio in PERIOD_RATIOS:
-        periods = PERIOD_OF_STOREY * np.array(heights) * [1.0, ratio]
-        numbers = jnp.array([*periods, DAMPING])
-        cases.append((numbers, *log_needed_gaps(heights, floors, numbers, records)))
-    return cases
+    columns = jax.jit(jax.vmap(intensities))(records)
+    return pd.DataFrame({"motion": range(len(records)), **columns})
 
 
 def catalogue(records: jax.Array) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The fragilities, and the runs by which they are, of motions with a peak of 1 g."""
     n, curves, runs = len(records), [], []
-    pairs = list(itertools.product(HEIGHTS, FLOORS))
-    with ThreadPoolExecutor(os.cpu_count()) as threads:  # most of the time is compilation
-        needed = list(threads.map(lambda pair: needed_gaps(*pair, records), pairs))
-    cases = itertools.product(pairs, PERIOD_RATIOS)
-    for ((heights, floors), ratio), case in zip(cases, itertools.chain(*needed), strict=True):
-        numbers, values, slopes = case
+    for heights, floors, ratio in itertools.product(HEIGHTS, FLOORS, PERIOD_RATIOS):
+        periods = PERIOD_OF_STOREY * np.array(heights) * [1.0, ratio]
+        numbers = jnp.array([*periods, DAMPING])
+        values, slopes = log_needed_gaps(heights, floors, numbers, records)
         of_pair = {"storeys_left": heights[0], "storeys_right": heights[1], "floors": floors}
         of_pair |= dict(zip(NUMBERS, map(float, numbers), strict=True))
         derivatives = {f"d_{name}": slopes[:, k] for k, name in enumerate(NUMBERS)}

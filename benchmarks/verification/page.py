@@ -60,9 +60,8 @@ jaxpound and over that of a run of a batch.
 
 {ratios}
 
-jaxonomy, which integrates from event to event with adaptive steps, has its comparison in the
-`benchmarks/README.md`: with rods of order 1 it takes 1.2 to 1.5 times as long for
-one accurate run, and 15 to 22 times as long for a run of a batch.
+jaxonomy, which integrates from event to event with adaptive steps, runs rods of order 1 only;
+`benchmarks/README.md` has its errors and times (`python benchmarks/jaxonomy_pair.py PYTHON`).
 
 ## OpenSees and Siconos
 

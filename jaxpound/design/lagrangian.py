@@ -27,7 +27,7 @@ _MULTIPLIERS_EVERY = 10  # iterations
 _FIRST_WEIGHT, _LARGEST_WEIGHT = 10.0, 100.0  # larger ones make steps and multipliers oscillate
 _AT_BOUND = 0.005  # scaled distance from a bound within which a variable counts as at that bound
 _NEAR_LIMIT = 0.01  # of the limit
-_STEPS = 30  # of polishing, at most, in each of
+_STEPS = 30  # of polishing in a region, at most
 _REGIONS = 1.0, 0.2, 0.04  # the variables' ranges about the best design, until it improves
 _FAR = 1e6  # replaces an objective that is not finite, in units of size
 _EXACT = 1e-9  # a violation that is rounding only
@@ -227,7 +227,6 @@ class FirstOrderConditions:
         program ends there; a smaller region about the best design is then tried.
         """
         terms = 1 + np.asarray(self.data.limits).size
-        improved = best
         for radius in _REGIONS:
             ended_well = self._program(best, radius)
             improved = self._least(best)

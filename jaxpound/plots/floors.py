@@ -270,11 +270,7 @@ def _draw(ax: Axes, name: str, lines: Sequence[Any], in_metres: bool, unit: Unit
     for k, (values, heights, style) in enumerate(lines):
         if name == "contact":  # below the points at the same height before
             offset = 0.12 * np.diff(heights, prepend=0.0).min()
-            before = [
-                other[np.max(forces, axis=tuple(range(np.ndim(forces) - 1))) > 0]
-                for forces, other, _ in lines[:k]
-            ]
-            below: Any = sum(np.isin(heights, other) for other in before)
+            below: Any = sum(np.isin(heights, other[force.any(0)]) for force, other, _ in lines[:k])
             _draw_points(ax, factor * values, heights - offset * below, style)
         else:
             _draw_line(ax, name, factor * values, heights, style)
