@@ -85,16 +85,16 @@ def chaos() -> None:
     shaking = jp.Ricker(0.3, [2.4] * 13, 2.0 + 3.0 * np.arange(13))
     grid, change = jp.TimeGrid.until(40.0, dt=0.02), 1e-3
     wider = replace(pair, initial_gap=pair.initial_gap + change)
-    one, other = (jp.simulate(each, shaking, grid) for each in (pair, wider))
+    run, wider_run = (jp.simulate(x, shaking, grid) for x in (pair, wider))
     grown = jp.study.perturbation_growth(pair, shaking, grid)
     horizon = float(grown.horizon(change))
 
     figure = new_figure(2, 1.6)
     (over_time, sizes), (shares, apart) = figure.subplots(2, 2)
-    gaps({r"gap at rest $\xi_0 = 0.1$": one, r"$\xi_0 = 0.101$": other}, over_time)
+    gaps({r"gap at rest $\xi_0 = 0.1$": run, r"$\xi_0 = 0.101$": wider_run}, over_time)
     difference = [
         np.asarray(getattr(a, name) - getattr(b, name))
-        for a, b in zip(one.masses, other.masses, strict=True)
+        for a, b in zip(run.masses, wider_run.masses, strict=True)
         for name in ("x", "v")
     ]
     actual = np.linalg.norm(difference, axis=0) / change
@@ -112,24 +112,26 @@ def chaos() -> None:
         26, jp.LogNormal(0.1, 0.3), jp.Uniform(1.6, 2.6), jp.Uniform(1.0, 77.0)
     )
     long = jp.TimeGrid.until(80.0, dt=0.04)
-    found = []
-    for each in (pair, wider):
-        study = jp.monte_carlo(jp.Scenarios(each, wavelets), 2000, long, key=1, progress=False)
-        found.append(study.to_columns()["residual_offset"])
+    offsets = []
+    for structures in (pair, wider):
+        study = jp.monte_carlo(
+            jp.Scenarios(structures, wavelets), 2000, long, key=1, progress=False
+        )
+        offsets.append(study.to_columns()["residual_offset"])
     names = (r"$\xi_0 = 0.1$", r"$\xi_0 = 0.101$")
     for values, name, colour, style in zip(
-        found, names, ("residual", "damper"), ("-", "--"), strict=True
+        offsets, names, ("residual", "damper"), ("-", "--"), strict=True
     ):
         share = (np.arange(values.size) + 0.5) / values.size
         shares.plot(np.sort(values), share, style, color=COLOURS[colour], label=name)
     label(shares, r"$x_2 - x_1$ at $t$ = 80 ($g/\omega_1^2$)", "share of runs below")
     legend(shares, 2)
-    apart.plot(*found, ".", color=COLOURS["damper"], markersize=2, alpha=0.5)
+    apart.plot(*offsets, ".", color=COLOURS["damper"], markersize=2, alpha=0.5)
     label(apart, r"$x_2 - x_1$, $\xi_0 = 0.1$ ($g/\omega_1^2$)", r"$\xi_0 = 0.101$")
     figure.savefig(HERE / "chaos.png", dpi=130)
-    print(f"horizon {horizon:.1f}, correlation {np.corrcoef(*found)[0, 1]:.2f}")
-    print("quartiles", *(np.quantile(x, [0.25, 0.5, 0.75]).round(3) for x in found))
-    print("impacts", one.demand.n_impacts, "growth at the end", float(grown.end))
+    print(f"horizon {horizon:.1f}, correlation {np.corrcoef(*offsets)[0, 1]:.2f}")
+    print("quartiles", *(np.quantile(x, [0.25, 0.5, 0.75]).round(3) for x in offsets))
+    print("impacts", run.demand.n_impacts, "growth at the end", float(grown.end))
 
 
 def guides() -> None:

@@ -34,6 +34,9 @@ ARGUMENTS: dict[str, dict[str, dict[str, Range]]] = {
 """Arguments of constructors that are no fields, with their ranges."""
 
 UNITS = {
+    "Analysis.distances": "m",
+    "Analysis.rest": "s",
+    "Analysis.velocity": "m/s",
     "CloughPenzien.frequency": "rad/s",
     "CloughPenzien.high_pass": "rad/s",
     "FilteredNoise.dt": "s",
@@ -93,6 +96,10 @@ _STEP = "0.01 to 0.02"
 _ANY = "any"
 
 USUAL = {
+    "Analysis.distances": "from 0 of the first support",
+    "Analysis.measure": "the mean period of the buildings",
+    "Analysis.rest": "until the buildings are at rest: 10 periods and more",
+    "Analysis.velocity": "1,000 to 3,000",
     "Bilinear.hardening": "0.02 to 0.1",
     "Bilinear.ultimate_displacement": "that of a cyclic test",
     "Bilinear.yield_displacement": "0.005 times the height of a storey of concrete frames, 0.01 of "
@@ -228,11 +235,13 @@ USUAL = {
 
 _MODEL, _NUMERICS = "[The model](model.md)", "[The numerics](numerics.md)"
 _ISOLATION, _STUDIES = "[Isolation](isolation.md)", "[Monte Carlo](api/monte_carlo.md)"
+_ANALYSES, _DESIGN = "[From records](api/from_records.md)", "[Design](api/design.md)"
 _CHOPRA = "Chopra (2012)"
 _OF_CODE = "ASCE/SEI 7-16"
 _EC8 = "EN 1998-1 (2004)"
 
 SOURCES = {
+    "Analysis": _ANALYSES,
     "AdjacentStructures": "Žigić and Grahovac, [the paper](bibliography.md#the-paper)",
     "Bilinear": "Iwan (1966)",
     "BoucWen": "Wen (1976)",
@@ -248,6 +257,7 @@ SOURCES = {
     "CloughPenzien.frequency": "Kanai (1957)",
     "Column": "[Floors and columns](how_to/floor_to_column.md)",
     "Dashpot": _ISOLATION,
+    "DesignSpace": _DESIGN,
     "FilteredNoise": "Amin and Ang (1968)",
     "FloorLink": "[Storeys and rows](model.md#storeys-and-rows)",
     "Footing": "Wolf (1994)",
@@ -268,6 +278,7 @@ SOURCES = {
     "KanaiTajimi": "Kanai (1957)",
     "KelvinVoigt": "Anagnostopoulos (1988)",
     "LeadRubber": "Robinson (1982)",
+    "LimitState": "[Rare events](rare_events.md)",
     "Link": "[Masses, rods and links](model.md#masses-rods-and-links)",
     "LogNormal": _STUDIES,
     "MoatWall": _ISOLATION,
@@ -276,6 +287,7 @@ SOURCES = {
     "Newton": "[Contact](model.md#contact)",
     "NonstationaryNoise": "Rezaeian and Der Kiureghian (2010)",
     "Normal": _STUDIES,
+    "Objective": _DESIGN,
     "PlateauEnvelope": "Jennings, Housner and Tsai (1968)",
     "PowerLaw": "Reinhorn, Li and Constantinou (1995)",
     "Pulse": "Mavroeidis and Papageorgiou (2003)",
@@ -290,12 +302,14 @@ SOURCES = {
     "Row": "[Storeys and rows](model.md#storeys-and-rows)",
     "Scaled": "[The ground](model.md#the-ground)",
     "Scales": "[Equations of motion](model.md#equations-of-motion)",
+    "Scheme": _NUMERICS,
     "ShearBuilding": "[Storeys and rows](model.md#storeys-and-rows)",
     "ShearBuilding.yielding(base_shear_coefficient)": _EC8,
     "ShearBuilding.yielding(yield_drift)": "[Rods that yield](yielding.md)",
     "ShearBuilding.yielding(yield_force)": "[Rods that yield](yielding.md)",
     "SiteBasedNoise": "Rezaeian and Der Kiureghian (2010)",
     "Soil": "Wolf (1994)",
+    "Storage": _STUDIES,
     "Storeys": "[Storeys and rows](model.md#storeys-and-rows)",
     "System": "[Masses, rods and links](model.md#masses-rods-and-links)",
     "TargetSpectrum": _OF_CODE,
@@ -310,18 +324,25 @@ SOURCES = {
 """The source of each class, or of one of its numbers: in the bibliography, or a page."""
 
 MUST = {
+    "Analysis.rest": "not negative, with `mainshock`",
+    "Analysis.mainshock": "a ground motion, or None",
+    "Analysis.strict": "whether scaled records that are implausible are refused",
+    "Analysis.velocity": "a number, with `distances`; or None",
+    "Analysis.distances": "a number for each support, with `velocity`; or None",
     "FilteredNoise.envelope": "`GammaEnvelope`, `PlateauEnvelope`, a function of t or None",
     "FilteredNoise.intensity": "not negative, or a `Distribution`",
     "RandomPulse": "a number or a `Distribution`",
     "RandomRecord.records": "one `Record` or more, of one unit of time",
     "RandomRecord.weights": "a number for each record, not negative",
     "Record.samples": "finite, shape (n,)",
+    "Scheme.order": "1 (the paper's) or 2",
     "Scaled.ground": "a ground motion",
     "SiteBasedNoise.fault": '"strike-slip" or "reverse"',
     "UncertainStructures.correlation": "between −1 and 1, a positive definite matrix or None",
     "UncertainStructures.nominal": "any structures",
     "UncertainStructures.uncertain": "a `Distribution` by the path of each random number",
     "name": "a text",
+    "scheme": "a `Scheme`",
     "time_unit": '"1/ω1" or "s"',
 }
 """Rules of fields, by class or by name, that neither metadata nor docstrings state for each."""
@@ -345,6 +366,8 @@ def shown(value: Any) -> str:
         return "required"
     if isinstance(value, float):
         return f"{value:.6g}"
+    if dataclasses.is_dataclass(value) and value == type(value)():
+        return f"`{type(value).__name__}()`"
     return f"`{value!r}`".replace("'", '"')
 
 

@@ -4,7 +4,6 @@ import runpy
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.stats import lognorm
@@ -13,7 +12,7 @@ import jaxpound as jp
 
 pd = pytest.importorskip("pandas")
 CATALOGUE = runpy.run_path(Path(__file__).parents[1] / "examples" / "catalogue.py")
-NUMBERS = {"ID": ["pounding_2_2_level_T80_50mm"], "median": [0.6], "dispersion": [0.4]}
+NUMBERS = {"ID": ["pounding_2_2_level_T80_C20_50mm"], "median": [0.6], "dispersion": [0.4]}
 
 
 def test_openquake_s_numbers_are_those_of_the_capacity():
@@ -44,23 +43,85 @@ def test_spectra_are_those_of_each_motion():
     assert list(table["motion"]) == [0, 1]
 
 
+def test_a_capacity_is_the_lowest_acceleration_that_closes_the_gap():
+    levels = CATALOGUE["LEVELS"]
+    gaps = np.stack([levels**power for power in (1, 0.5, 0.5, 0.5)], axis=1)  # of four motions
+    gaps[0] = 0.2, 0.1, 0.1, 0.1
+    gaps[4:, 2] = 0.1  # open again with more shaking
+    gaps[:, 3] = 0.1
+    reached = CATALOGUE["capacities"](np.log(gaps), 0.3)
+    assert reached[0] == pytest.approx(levels[1] * (0.3 / levels[1]) ** 1, rel=1e-9)
+    assert reached[1] == pytest.approx(0.09, rel=1e-9)  # the root of 0.09 is 0.3
+    assert reached[2] == pytest.approx(0.09, rel=1e-9)
+    assert reached[3] == np.inf
+    elastic = CATALOGUE["capacities"](np.log(gaps), 0.05)
+    np.testing.assert_allclose(elastic, levels[0] * 0.05 / gaps[0], rtol=1e-9)
+
+
+def test_curves_have_the_medians_of_their_capacities():
+    """Elastic capacities grow with the gap; a curve needs half of its motions to close it."""
+    levels, table = CATALOGUE["LEVELS"], []
+    for pga in levels:
+        for motion, size in enumerate((0.8, 1.0, 1.3)):
+            table.append({"pga": pga, "motion": motion, "log_gap": np.log(0.3 * size * pga**0.9)})
+    pair = {"storeys_left": 2, "storeys_right": 4, "floors": "level", "period_right": 0.32}
+    curves = {
+        curve["ID"]: curve for curve in CATALOGUE["fragilities"](pd.DataFrame(table).assign(**pair))
+    }
+    names = [f"pounding_2_4_level_T80_elastic_{gap}mm" for gap in (10, 20, 50, 100, 200)]
+    medians = [curves[name]["median"] for name in names]
+    np.testing.assert_allclose(np.array(medians) / medians[0], [1, 2, 5, 10, 20], rtol=1e-9)
+    strong, weak = (curves[f"pounding_2_4_level_T80_{name}_50mm"] for name in ("C20", "C10"))
+    sizes = np.log([0.8, 1.0, 1.3])
+    for curve, times in ((strong, 2), (weak, 1)):
+        capacities = times * (0.05 / times / (0.3 * np.exp(sizes))) ** (1 / 0.9)
+        assert curve["median"] == pytest.approx(np.exp(np.log(capacities).mean()), rel=1e-9)
+        assert curve["dispersion"] == pytest.approx(sizes.std(ddof=1) / 0.9, rel=1e-9)
+    reached = (0.3 * np.exp(sizes) * levels[-1] ** 0.9 >= 0.2 / np.array([[1], [2]])).mean(1)
+    assert reached[0] >= 0.5  # at the strength of 0.1, that of the runs
+    for name in ("C10", "C20"):
+        assert f"pounding_2_4_level_T80_{name}_200mm" in curves
+
+
+def test_the_peak_of_a_series_is_between_instants_or_at_its_end():
+    t = np.linspace(0.0, 1.0, 11)
+    assert float(CATALOGUE["peak"](1.0 - (t - 0.33) ** 2)) == pytest.approx(1.0, abs=1e-12)
+    assert float(CATALOGUE["peak"](t**2)) == 1.0
+    assert float(CATALOGUE["peak"](-(t**2))) == 0.0
+
+
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
-def test_a_needed_gap_is_that_of_every_scale_of_the_motion():
-    """At the capacity of a gap it is just closed; the slopes are those of differences."""
-    motion = CATALOGUE["MOTION"]
+def test_the_closing_of_a_link_is_that_of_its_response():
+    pair = CATALOGUE["pair"]((2, 4), "unlevel", [0.2, 0.32, 0.05, 0.1])
+    weights = CATALOGUE["closing_weights"](pair)
+    ground = jp.Record(0.5 * np.sin(np.arange(100) / 2.0), 0.02)
+    response = jp.simulate(pair, ground, jp.TimeGrid.until(2.0, dt=0.01))
+    closings = weights @ np.stack([mass.x for mass in response.masses])
+    np.testing.assert_allclose(closings, np.stack(response.closings), rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
+def test_a_needed_gap_grows_with_strength_and_acceleration():
+    """Both times two double it, and so does the acceleration while no storey yields."""
+    motion, needed = CATALOGUE["MOTION"], CATALOGUE["log_needed_gaps"]((2, 2), "unlevel")
     samples = motion.draw(jax.random.normal(jax.random.key(1), (motion.dimension,))).samples
-    samples = samples / abs(samples).max()
-    numbers = jnp.array([0.2, 0.16, 0.05])
-    needed = CATALOGUE["log_needed_gaps"]
-    values, slopes = needed((2, 2), "unlevel", numbers, samples[None])
-    pair = CATALOGUE["pair"]((2, 2), "unlevel", numbers)
-    assert sum(link.column is not None for link in pair.links) > 0
-    scale = 0.05 / float(jnp.exp(values[0]))  # at which a gap of 5 cm closes
-    record = jp.Record(scale * samples, motion.dt)
-    closed = 1.0 - float(jp.demand(pair, record, CATALOGUE["GRID"]).min_gap)
-    assert closed == pytest.approx(0.05, rel=1e-9)
-    ends = [
-        needed((2, 2), "unlevel", numbers.at[1].add(s * 1e-6), samples[None])[0][0] for s in (1, -1)
+    samples = np.asarray(samples / abs(samples).max())
+    numbers = np.array([0.2, 0.16, 0.05, 0.1])
+    assert any(link.column for link in CATALOGUE["pair"]((2, 2), "unlevel", numbers).links)
+    step = 1e-6 * np.eye(4)
+    cases = [
+        (numbers, 0.01),
+        (numbers, 0.02),
+        (numbers, 0.5),
+        (numbers * [1, 1, 1, 2], 1.0),
+        *((numbers + sign * h, 0.5) for h in step for sign in (1, -1)),
     ]
-    assert float(slopes[0, 1]) == pytest.approx(float(ends[0] - ends[1]) / 2e-6, rel=1e-4)
-    np.testing.assert_array_equal(np.isfinite(slopes), True)
+    values, slopes = needed(
+        np.stack([x for x, _ in cases]), np.stack([level * samples for _, level in cases])
+    )
+    assert values[1] - values[0] == pytest.approx(np.log(2), rel=1e-9)
+    assert slopes[0, 3] == 0.0
+    assert values[3] - values[2] == pytest.approx(np.log(2), rel=1e-9)
+    assert values[2] - values[0] != pytest.approx(np.log(50), abs=0.1)  # storeys yield
+    differences = (values[4::2] - values[5::2]) / 2e-6
+    np.testing.assert_allclose(slopes[2], differences, rtol=1e-4)

@@ -235,7 +235,7 @@ PURE = {  # numbers without a unit
 } | {"LogNormal.median", "Normal.mean", "Normal.std", "Uniform.low", "Uniform.high"}  # any unit
 
 
-METHODS = {"reliability", "design", "study", "hazard"}  # whose options have pages of their own
+METHODS = {"reliability", "design", "study", "hazard"}  # of which the table has the chief classes
 
 
 def test_the_table_of_inputs_leaves_nothing_out():

@@ -40,7 +40,7 @@ def test_a_guide_runs_and_prints_what_it_says(page, tmp_path, monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore::jaxpound.PlausibilityWarning")
-@pytest.mark.parametrize("page", ["index", "model", "yielding"])
+@pytest.mark.parametrize("page", ["index", "model", "yielding", "chaos", "rare_events"])
 def test_the_programs_of_a_page_run(page, tmp_path, monkeypatch):
     """Their comments describe results, and are not compared."""
     monkeypatch.chdir(tmp_path)
@@ -56,3 +56,8 @@ def test_the_programs_of_a_page_run(page, tmp_path, monkeypatch):
         assert (float(names["force"]), float(names["slope"])) == pytest.approx(
             (18.29, -50.5), rel=1e-3
         )
+    if page == "chaos":  # the numbers of its text
+        assert float(names["grown"].end) == pytest.approx(3600, rel=0.05)
+        assert float(names["grown"].horizon(1e-3)) == pytest.approx(16.0, abs=0.5)
+    if page == "rare_events":
+        assert names["event"].probability == pytest.approx(0.0)

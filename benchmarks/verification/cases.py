@@ -10,6 +10,7 @@ from benchmarks.verification import (
     el_centro,
     energy,
     gradients,
+    jaxonomy_peer,
     opensees_peer,
     paper_case,
     rare_events,
@@ -40,4 +41,5 @@ CASES = {
     "rare_events": rare_events.case,
     "opensees": opensees_peer.case,
     "siconos": siconos_peer.case,
+    "jaxonomy": jaxonomy_peer.case,
 }

@@ -10,6 +10,8 @@ import numpy as np
 from benchmarks.verification.batch import BATCH, OURS
 from benchmarks.verification.case import Curve
 
+_BATCH = ", " + BATCH.partition(", ")[2]
+
 
 class Ratio(NamedTuple):
     """How long another program takes for one of jaxpound's errors."""
@@ -18,38 +20,47 @@ class Ratio(NamedTuple):
     program: str
     error: float
     seconds: float
-    """The other program's time."""
+    """The other program's time of one run."""
     of_run: float
     """That time over jaxpound's for one run."""
     of_batch: float | None
-    """That time over jaxpound's for a run of a batch."""
+    """The time of a run, in a batch if the other program has batches, over jaxpound's for a run of
+    a batch."""
     version: str = ""
     """Of the other program."""
 
 
-def ratios(curves: Sequence[Curve]) -> list[Ratio]:
-    """Of all panels with a curve of jaxpound's, at its errors within the other's range.
+def time_at(curve: Curve, error: float) -> float | None:
+    """The time for an error, None beyond the curve's range.
 
-    The other's time is interpolated in logarithms between its measured runs, without those that
-    take longer than a run whose error is as small.
+    It is interpolated in logarithms between the measured runs, without those that take longer than
+    a run whose error is as small.
     """
-    found = []
-    panels = list(dict.fromkeys(curve.panel for curve in curves))
-    for panel in panels:
+    order = np.argsort(curve.seconds)
+    times, errors = np.array(curve.seconds)[order], np.array(curve.errors)[order]
+    improves = errors < np.minimum.accumulate(np.r_[np.inf, errors[:-1]])
+    times, errors = np.log(times[improves]), np.log(errors[improves])
+    if not errors[-1] <= np.log(error) <= errors[0]:
+        return None
+    return float(np.exp(np.interp(-np.log(error), -errors, times)))
+
+
+def ratios(curves: Sequence[Curve]) -> list[Ratio]:
+    """Of all panels with a curve of jaxpound's, at its errors within the other's range."""
+    rows = []
+    for panel in dict.fromkeys(curve.panel for curve in curves):
         known = {curve.program: curve for curve in curves if curve.panel == panel}
         ours, batch = known.get(OURS), known.get(BATCH)
         for program, other in known.items():
-            if ours is None or program in (OURS, BATCH):
+            if ours is None or program == OURS or program.endswith(_BATCH):
                 continue
-            order = np.argsort(other.seconds)
-            times, errors = np.array(other.seconds)[order], np.array(other.errors)[order]
-            improves = errors < np.minimum.accumulate(np.r_[np.inf, errors[:-1]])
-            times, errors = np.log(times[improves]), np.log(errors[improves])
+            crowd = known.get(program.partition(", ")[0] + _BATCH, other)
             for i, error in enumerate(ours.errors):
-                if not errors[-1] <= np.log(error) <= errors[0]:
+                if (seconds := time_at(other, error)) is None:
                     continue
-                seconds = float(np.exp(np.interp(-np.log(error), -errors, times)))
-                of_batch = seconds / batch.seconds[i] if batch else None
+                of_batch = None
+                if batch and (crowd_seconds := time_at(crowd, error)):
+                    of_batch = crowd_seconds / batch.seconds[i]
                 of_run = seconds / ours.seconds[i]
-                found.append(Ratio(panel, program, error, seconds, of_run, of_batch, other.version))
-    return found
+                rows.append(Ratio(panel, program, error, seconds, of_run, of_batch, other.version))
+    return rows

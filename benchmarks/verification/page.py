@@ -7,13 +7,12 @@ from pathlib import Path
 
 import msgspec
 
-from benchmarks.verification import figure
+from benchmarks.verification import figure, jaxonomy_peer, siconos_peer
 from benchmarks.verification.batch import LANES
 from benchmarks.verification.case import Case, Errors
 from benchmarks.verification.cases import CASES
 from benchmarks.verification.equal_error import ratios
 from benchmarks.verification.maxwell import BRANCHES
-from benchmarks.verification.siconos_peer import PYTHON
 
 RESULTS = Path(__file__).parent / "results.json"
 DOCS = Path(__file__).parents[2] / "docs"
@@ -44,28 +43,27 @@ other work.
 PEERS = """\
 ## Accuracy against time
 
-![Error against wall time of one run, of jaxpound, OpenSees and Siconos](verification.png)
+![Error against wall time of a run, of jaxpound, OpenSees, Siconos and jaxonomy](verification.png)
 
-The points of a line are runs with decreasing steps; lower and further left is better. A run of a
-batch is one of {lanes} earthquakes in one call: on all cores for the pair with OpenSees, on one in
-the lower panels. All other runs use one core. The result of the paper's case and of the batch is
-the smallest gap. The other runs of jaxpound keep all time series, those of OpenSees the compared
-displacements, and those of Siconos the displacements and velocities of both blocks. The times of
-Siconos are those of the loop over the steps, without the assembly of the model. Errors of the row
-are relative to the largest displacement; all others are dimensionless as in eq. (9).
+The points of a line are runs with decreasing steps, or tolerances of jaxonomy; lower and further
+left is better. A run of a batch is one of {lanes} earthquakes, or slip forces beside jaxonomy, in
+one call: on all cores for the pair with OpenSees, else on one. All other runs use one core. The
+result of the paper's case, of the batch and beside jaxonomy is the smallest gap. The other runs of
+jaxpound keep all time series, those of OpenSees the compared displacements, and those of Siconos
+the displacements and velocities of both blocks. The times of Siconos are those of the loop over the
+steps, without the assembly of the model. Errors of the row are relative to the largest
+displacement; all others are dimensionless as in eq. (9).
 
 The table compares times at equal errors: the time of the other program, interpolated between its
 runs (without those that take longer than one whose error is as small), over the time of one run of
-jaxpound and over that of a run of a batch.
+jaxpound, and over that of a run of a batch, beside a run of a batch of the other program if it has
+batches.
 
 {ratios}
 
-jaxonomy, which integrates from event to event with adaptive steps, runs rods of order 1 only;
-`benchmarks/README.md` has its errors and times (`python benchmarks/jaxonomy_pair.py PYTHON`).
+## OpenSees, Siconos and jaxonomy
 
-## OpenSees and Siconos
-
-Both are optional: without one of them the suite skips its case and says so.
+All are optional: without one of them the suite skips its case and says so.
 
 **OpenSees.** `pip install -e ".[bench]"` installs
 [OpenSeesPy](https://openseespydoc.readthedocs.io), which needs a BLAS library;
@@ -83,6 +81,10 @@ Python's part of the loop is 2.5 µs a step. The time of Siconos itself grows wi
 Maxwell branches: a step takes 6 µs with one branch for each rod, 30 µs with 16 and 40 µs with
 {branches}. The fit alone causes errors of 5e-5 with 16 and of 3e-6 with {branches} branches. As a
 system of first order (EulerMoreauOSI) the pair has the same motion and takes 1.3 times as long.
+
+**jaxonomy.** `pip install jaxonomy` in an environment of its own, as it asks for an older JAX than
+jaxpound does; the environment variable {other} names its interpreter. It has no fractional rod. In
+a batch every lane pays for each event and step of the others.
 """
 
 
@@ -160,8 +162,9 @@ def _ratios(cases: dict[str, Case]) -> str:
 def text(cases: dict[str, Case]) -> str:
     """The whole page."""
     sections = "\n".join(section(case) for case in cases.values())
+    python, other = (f"`{peer.PYTHON}`" for peer in (siconos_peer, jaxonomy_peer))
     peers = PEERS.format(
-        lanes=LANES, ratios=_ratios(cases), python=f"`{PYTHON}`", branches=BRANCHES
+        lanes=LANES, ratios=_ratios(cases), python=python, other=other, branches=BRANCHES
     )
     return INTRODUCTION + sections + "\n" + peers
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +21,7 @@ import jaxpound as jp
 from benchmarks.verification import opensees_peer
 from benchmarks.verification.batch import BATCH, BEST_OF, OURS, seconds_a_run
 from benchmarks.verification.case import ROUNDS, Case, Curve, Errors, Number, timed
+from benchmarks.verification.interpreters import interpreter
 from benchmarks.verification.maxwell import BAND, BRANCHES, pair
 from benchmarks.verification.phases import Motion, motion
 from tests.reference import load
@@ -55,8 +54,8 @@ STEPS = {
 END = 20.0
 FAR = 1000.0
 """A gap that stays open."""
-PYTHON = "JAXPOUND_SICONOS_PYTHON"
-"""Variable of the environment: the interpreter that has Siconos."""
+MODULE, PYTHON = "siconos.kernel", "JAXPOUND_SICONOS_PYTHON"
+"""What it imports, and the variable of the environment that names its interpreter."""
 SMOOTH = dataclasses.replace(
     jp.paper.structures(),
     rod_1=jp.ZenerRod(order=1.0, tau_f=0.1, tau_x=0.4),
@@ -102,21 +101,9 @@ def phased(structures: jp.AdjacentStructures, times: NDArray) -> Motion:
     return motion(pair(structures), shaking, times)
 
 
-@functools.cache
-def interpreter() -> str | None:
-    """The first interpreter that imports Siconos: the one named, this one, the system's."""
-    named = os.environ.get(PYTHON)
-    usual = [sys.executable, shutil.which("python3"), "/usr/bin/python3"]
-    for python in filter(None, map(shutil.which, filter(None, [named] if named else usual))):
-        call = [python, "-c", "import siconos.kernel"]
-        if subprocess.run(call, capture_output=True, check=False).returncode == 0:
-            return python
-    return None
-
-
 def missing() -> str:
     """Why there can be no comparison, or nothing."""
-    if interpreter():
+    if interpreter(MODULE, PYTHON):
         return ""
     return f"no Python with Siconos: apt install python3-siconos, or name one by {PYTHON}"
 
@@ -141,7 +128,7 @@ def peer(
     with tempfile.TemporaryDirectory() as folder:
         problem, found = Path(folder) / "problem.npz", Path(folder) / "found.npz"
         np.savez(problem, **given)
-        call = [interpreter(), script, problem, found]
+        call = [interpreter(MODULE, PYTHON), script, problem, found]
         subprocess.run(call, check=True, capture_output=True, env={**os.environ, **one_core})
         with np.load(found) as motions:
             runs = [motions[f"motion_{i}"] for i in range(len(steps))]
