@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import os
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar, copy_context
@@ -10,7 +9,6 @@ from functools import cache, partial
 from typing import Any, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
@@ -25,7 +23,6 @@ T = TypeVar("T")
 
 _RUNS = PartitionSpec("runs")
 _SMALLEST_SHARE = 16  # runs of a device: fewer are not worth the coordination
-_SMALL = 64  # numbers: a longer series that all runs share, such as a record, is not copied
 
 # Runs at a time of a core. Of 512 every array would fill a page of memory, so that a run's numbers
 # all fell on the same lines of the cache: a fifth slower, gradients three quarters.
@@ -157,16 +154,14 @@ def runs_at_a_time() -> int:
     return len(devices) * (_CPU_RUNS if devices[0].platform == "cpu" else 65_536)
 
 
-def spread(tree: T, copied: bool = True) -> T:
+def spread(tree: T) -> T:
     """``tree`` itself; under ``jax.vmap``, its batch is spread over the devices that JAX has.
 
     It is not spread where it cannot be divided evenly, where it is small, or inside a sharding that
-    the caller has set up. Numbers that all runs share, except long series, are ``copied`` for each:
-    their derivatives are then summed over the batch once at the end, and not at every step. What
-    follows from numbers that are not is computed once for all runs.
+    the caller has set up. What all runs share, and what follows from it alone, is computed once.
     """
     leaves, structure = jax.tree.flatten(tree)
-    return jax.tree.unflatten(structure, _spread(copied)(*leaves))
+    return jax.tree.unflatten(structure, _spread(*leaves))
 
 
 def without_mesh(tree: T) -> T:
@@ -177,37 +172,28 @@ def without_mesh(tree: T) -> T:
     return jax.tree.map(_of_no_mesh.bind, tree)
 
 
-@cache
-def _spread(copied: bool) -> Callable[..., list[Any]]:
-    @custom_vmap
-    def placed(*leaves: Any) -> list[Any]:
-        return list(leaves)
+@jax.custom_jvp
+def _spread(*leaves: Any) -> list[Any]:
+    return _placed(*leaves)
 
-    @placed.def_vmap
-    def batch(size: int, batched: list[bool], *leaves: Any) -> Any:
-        is_small = (copied and jnp.size(x) <= _SMALL for x in leaves)
-        in_batch = [*map(operator.or_, batched, is_small)]
-        rows = [
-            jnp.broadcast_to(x, (size, *jnp.shape(x))) if is_in and not is_batched else x
-            for x, is_batched, is_in in zip(leaves, batched, in_batch, strict=True)
-        ]
-        if (mesh := _mesh_for(size)) is None:
-            return spread_leaves(*rows), in_batch  # an outer vmap may still divide its own axis
-        split = NamedSharding(mesh, _RUNS)
-        pairs = zip(rows, in_batch, strict=True)
-        return [lax.with_sharding_constraint(x, split) if o else x for x, o in pairs], in_batch
 
-    @jax.custom_jvp
-    def spread_leaves(*leaves: Any) -> list[Any]:
-        return placed(*leaves)
+@partial(_spread.defjvp, symbolic_zeros=True)
+def _(primals: Any, tangents: Any) -> Any:
+    # Else zero derivatives would be computed at every step.
+    return _spread(*primals), list(tangents)
 
-    @partial(spread_leaves.defjvp, symbolic_zeros=True)
-    def differentiated(primals: Any, tangents: Any) -> Any:
-        # Else zero derivatives would be computed at every step. Which numbers are copied must not
-        # depend on them: a batch may be differentiated after it was made.
-        return spread_leaves(*primals), list(tangents)
 
-    return spread_leaves
+@custom_vmap
+def _placed(*leaves: Any) -> list[Any]:
+    return list(leaves)
+
+
+@_placed.def_vmap
+def _(size: int, batched: list[bool], *leaves: Any) -> Any:
+    if (mesh := _mesh_for(size)) is None:
+        return _spread(*leaves), batched  # an outer vmap may still divide its own axis
+    split, pairs = NamedSharding(mesh, _RUNS), zip(leaves, batched, strict=True)
+    return [lax.with_sharding_constraint(x, split) if is_in else x for x, is_in in pairs], batched
 
 
 _of_no_mesh = Primitive("of_no_mesh")

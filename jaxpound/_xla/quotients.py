@@ -35,6 +35,15 @@ def once(tree: T, unit: jax.Array) -> T:
     return jax.tree.map(lambda y: y / unit, tree)
 
 
+def for_each_run(tree: T, zero: jax.Array) -> T:
+    """The same numbers, of each run of a batch apart.
+
+    XLA would turn quotients by numbers that runs share into products, and derivatives by them would
+    be summed over the batch at every step, not once at the end.
+    """
+    return jax.tree.map(partial(jnp.add, lax.stop_gradient(zero)), tree)
+
+
 def differentiated_once(tree: T, unit: jax.Array) -> T:
     """The same numbers, of which the derivatives alone are computed ``once``."""
     return jax.tree.map(partial(_over_unit, unit), tree)

@@ -24,7 +24,7 @@ from jaxpound._fields import Quantity, node_classes, rules, walk
 from jaxpound._xla.batches import spread, without_mesh
 from jaxpound._xla.derivatives import recomputed
 from jaxpound._xla.plan import choice
-from jaxpound._xla.quotients import differentiated_with, unknown
+from jaxpound._xla.quotients import differentiated_with, for_each_run, unknown
 from jaxpound.grid import TimeGrid
 from jaxpound.ground.motion import Excitation, Ground, as_motion
 from jaxpound.ground.supports import at_support, require_supports
@@ -101,14 +101,12 @@ class Rollout(NamedTuple):
         loads = cast(loads or {})
         # Else XLA would fold all that follows from structures that are constants of the program.
         structures = jax.tree.map(unknown, structures)
-        # Before the batch is spread: orders and samples that all runs share are not copied.
         memories = [zener_of(rod.material) for rod in structures.system().rods]
         orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
         n_supports = structures.system().topology.n_supports
         excitations = _excitations(ground, n_supports, loads, grid, scheme)
         series = [x.series for x in excitations]
-        shaking = spread((ground, loads, series), copied=False)
-        numbers = *spread((structures, extra, initial)), *shaking
+        numbers = spread((structures, extra, initial, ground, loads, series))
         if has_flows(structures.system()):
             orders, numbers = without_mesh((orders, numbers))
         structures, extra, initial, ground, loads, series = numbers
@@ -116,12 +114,14 @@ class Rollout(NamedTuple):
         dt = grid.dt
 
         # A run that breaks a rule starts from NaN, and so is NaN throughout.
-        valid = all_hold([*rules(structures), *rules(system), *rules(ground)])
+        stated = structures, system, ground, *loads.values()
+        valid = all_hold(rule for x in stated for rule in rules(x))
         valid &= all_hold(extra_rules(extra)) & is_stable(system, dt, scheme)
         valid &= all_hold([] if initial is None else initial_rules(initial, system, dt))
         zero = unknown(jnp.where(valid, jnp.zeros((), dtype), jnp.nan))
         if any(link.contact or link.velocity_friction for link in system.links):
             zero = differentiated_with(zero, (structures, ground, extra, initial, loads))
+        system, extra = for_each_run((system, extra), zero)
         displaced = velocities = None
         if initial is not None:
             displaced, velocities = ([zero + y for y in ys] for ys in initial.of(system))

@@ -235,3 +235,16 @@ def test_a_batch_is_differentiated_by_what_its_runs_share():
     alone = jax.jit(jax.grad(min_gap, 1))
     expected = sum(float(alone(amplitude, 0.2)) for amplitude in amplitudes)
     assert float(jax.jit(sums)(0.2)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_quotients_of_a_nested_batch_stay_quotients():
+    """XLA computes them once; by numbers that an inner batch shares they would become products."""
+    slope, (amplitude, friction) = jax.grad(min_gap, argnums=1), batch(24)
+    inner = jax.vmap(slope, (0, None))
+    programs = jax.vmap(slope), jax.vmap(inner, (None, 0))
+    arguments = (amplitude, friction), (amplitude[:8], friction[:3])
+    quotients = [
+        jax.jit(program).lower(*numbers).compile().as_text().count(" divide(")
+        for program, numbers in zip(programs, arguments, strict=True)
+    ]
+    assert quotients[1] >= quotients[0] > 0

@@ -152,6 +152,16 @@ def test_a_block_starts_displaced_under_a_load():
     np.testing.assert_allclose(response.masses[0].x, 0.5 / 8.0, rtol=1e-12)
 
 
+def test_a_traced_load_that_breaks_a_rule_is_nan():
+    def peak(period):
+        loads = {0: jp.Ricker(0.1, period, 2.0)}
+        return jp.simulate(block(), still, GRID, loads=loads).demand.peak_x1
+
+    peaks = jax.jit(jax.vmap(peak))(jnp.array([1.0, -1.0]))
+    assert float(peaks[0]) > 0
+    assert np.isnan(peaks[1])
+
+
 def test_paths_of_contact_and_limit_states_know_loads_and_damping():
     """Paths within steps are those of the same motion by the ground; as are accelerations."""
     system = towers(jp.KelvinVoigt(80.0, 0.7), True)
