@@ -60,4 +60,4 @@ def test_the_programs_of_a_page_run(page, tmp_path, monkeypatch):
         assert float(names["grown"].end) == pytest.approx(3600, rel=0.05)
         assert float(names["grown"].horizon(1e-3)) == pytest.approx(16.0, abs=0.5)
     if page == "rare_events":
-        assert names["event"].probability == pytest.approx(0.0)
+        assert 0 < names["event"].probability < 1e-2
