@@ -6,9 +6,10 @@ from functools import partial
 
 import pytest
 
-from benchmarks.verification import opensees_peer
+from benchmarks.verification import jaxonomy_peer, opensees_peer, siconos_peer
 from benchmarks.verification.case import Case, Errors, Number
 from benchmarks.verification.cases import CASES
+from benchmarks.verification.interpreters import interpreter
 
 COARSE = (0.02, 0.01)
 SMALL = {
@@ -45,6 +46,17 @@ def test_a_case_without_its_peer_says_so(monkeypatch):
     case = opensees_peer.case()
     assert (case.errors, case.faults()) == ((), [])
     assert case.skipped == 'openseespy and numba not installed: pip install -e ".[bench]"'
+
+
+def test_a_case_without_its_interpreter_says_so(monkeypatch):
+    for peer in (siconos_peer, jaxonomy_peer):
+        monkeypatch.setenv(peer.PYTHON, "python-without-it")
+        interpreter.cache_clear()
+        case = peer.case()
+        assert (case.errors, case.curves, case.faults()) == ((), (), [])
+        assert case.skipped.startswith("no Python with")
+        assert case.skipped.endswith(f"name one by {peer.PYTHON}")
+    interpreter.cache_clear()
 
 
 def test_what_does_not_hold_is_named():

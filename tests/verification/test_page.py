@@ -30,8 +30,9 @@ def test_a_section_has_problem_source_errors_order_and_time_and_the_figure_a_pan
     assert "| peak | 2.674 | 2.67 | 0.005 |" in section
     for part in ("## A title", "A problem.", "A source.", "The whole case: 3 s"):
         assert part in section
-    (ax,) = figure.accuracy_against_time(CASE.curves).axes
+    ax, corner = figure.accuracy_against_time(CASE.curves).axes
     assert ax.get_title() == "A panel"
+    assert [text.get_text() for text in corner.get_legend().get_texts()] == ["OpenSees, one run"]
     (line,) = ax.lines
     assert list(line.get_xdata()) == [10.0, 20.0]
 
@@ -51,6 +52,10 @@ def test_times_at_equal_errors():
     assert [first.of_batch, second.of_batch] == pytest.approx([800, 4000])
     assert ratios(curves[:1]) == []
     assert ratios([curves[0], curves[2]])[0].of_batch is None
+    crowd = Curve("A", "peer, a run of a batch", (0.4, 0.04, 0.004), (1.0, 10.0, 100.0))
+    both = ratios([*curves, crowd])
+    assert [x.of_batch for x in both] == pytest.approx([80, 400])
+    assert [x.of_run for x in both] == pytest.approx([80, 400])
 
 
 @pytest.fixture
