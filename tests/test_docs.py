@@ -231,6 +231,7 @@ PURE = {  # numbers without a unit
     *("NonstationaryNoise.samples", "PowerLaw.exponent", "Pulse.cycles", "RandomRicker.negative"),
     *("RandomRicker.wavelets", "Rayleigh.ratio", "Rod.weights", "Scaled.factor"),
     *("SiteBasedNoise.magnitude", "SiteBasedNoise.samples", "Soil.poisson_ratio"),
+    "Storage.chunk_size",
     *("TargetSpectrum.damping", "TimeGrid.n_steps", "TwoSided.negative", "ZenerRod.order"),
 } | {"LogNormal.median", "Normal.mean", "Normal.std", "Uniform.low", "Uniform.high"}  # any unit
 

@@ -48,15 +48,22 @@ def test_a_case_without_its_peer_says_so(monkeypatch):
     assert case.skipped == 'openseespy and numba not installed: pip install -e ".[bench]"'
 
 
-def test_a_case_without_its_interpreter_says_so(monkeypatch):
+def test_a_case_without_its_interpreter_says_so(monkeypatch, tmp_path):
+    """Only an interpreter that imports the other program is taken."""
+    lacking = tmp_path / "python"
     for peer in (siconos_peer, jaxonomy_peer):
-        monkeypatch.setenv(peer.PYTHON, "python-without-it")
+        monkeypatch.setenv(peer.PYTHON, str(lacking))
+        for status, taken in ((1, None), (0, str(lacking))):
+            lacking.write_text(f"#!/bin/sh\nexit {status}\n")
+            lacking.chmod(0o755)
+            assert interpreter.__wrapped__("module", peer.PYTHON) == taken
+        lacking.unlink()
         interpreter.cache_clear()
         case = peer.case()
+        interpreter.cache_clear()
         assert (case.errors, case.curves, case.faults()) == ((), (), [])
         assert case.skipped.startswith("no Python with")
         assert case.skipped.endswith(f"name one by {peer.PYTHON}")
-    interpreter.cache_clear()
 
 
 def test_what_does_not_hold_is_named():

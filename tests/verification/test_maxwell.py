@@ -73,22 +73,3 @@ def test_siconos_moves_the_pair_of_order_1_like_scipy(smooth):
     assert moved.shape == (GRID.n_steps + 1, 4)
     assert np.abs(moved[SOME, :2] - smooth.x).max() < 2e-3
     assert seconds > 0
-
-
-def test_without_siconos_the_case_says_so(monkeypatch, tmp_path):
-    with monkeypatch.context() as patch:
-        patch.setattr(siconos_peer, "interpreter", lambda: None)
-        case = siconos_peer.case()
-    assert (case.errors, case.faults()) == ((), [])
-    words = "no Python with Siconos: apt install python3-siconos, or name one by "
-    assert case.skipped == f"{words}JAXPOUND_SICONOS_PYTHON"
-    # Only an interpreter that imports it is taken.
-    lacking = tmp_path / "python"
-    lacking.write_text("#!/bin/sh\nexit 1\n")
-    lacking.chmod(0o755)
-    monkeypatch.setenv(siconos_peer.PYTHON, str(lacking))
-    assert siconos_peer.interpreter.__wrapped__() is None
-    lacking.write_text("#!/bin/sh\nexit 0\n")
-    assert siconos_peer.interpreter.__wrapped__() == str(lacking)
-    lacking.unlink()
-    assert siconos_peer.interpreter.__wrapped__() is None
