@@ -23,6 +23,7 @@ from jaxpound._fields import _ROLE, _SPEC, Parameter, Quantity
 from jaxpound.model.building import DAMPING, PERIOD
 from jaxpound.model.shear_building import HEIGHT, STRENGTHS, TAPER
 from jaxpound.quantities import SI, unit
+from jaxpound.simulation import Scheme
 
 NONE = "–"
 DIMENSIONLESS = "AdjacentStructures", "Storeys", "Row", "System"
@@ -44,7 +45,7 @@ UNITS = {
     "FilteredNoise.intensity": "g",
     "FilteredNoise.spectral_density": "g² s/rad",
     "KanaiTajimi.frequency": "rad/s",
-    "LimitState.threshold": "of the demand, in SI",
+    "LimitState.threshold": "that of the demand",
     "MoatWall.gap": "m",
     "NonstationaryNoise.arias_intensity": "g s",
     "NonstationaryNoise.dt": "s",
@@ -369,7 +370,7 @@ def shown(value: Any) -> str:
         return "required"
     if isinstance(value, float):
         return f"{value:.6g}"
-    if dataclasses.is_dataclass(value) and value == type(value)():
+    if isinstance(value, Scheme):
         return f"`{type(value).__name__}()`"
     return f"`{value!r}`".replace("'", '"')
 

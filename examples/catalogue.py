@@ -3,7 +3,7 @@
     python examples/catalogue.py --out catalogue
 
 For pairs of frames by height, ratio of periods, strength, gap, and level or unlevel floors, it
-writes the probability of pounding by peak ground acceleration (PGA) as
+computes the probability of pounding by peak ground acceleration (PGA), and writes
 
 - ``pounding.xml``, a fragility model of OpenQuake (NRML 0.5), which assesses one limit state;
 - ``fragility.csv``, a damage model of pelicun;
@@ -11,9 +11,9 @@ writes the probability of pounding by peak ground acceleration (PGA) as
   derivatives of its logarithm by the numbers of the pair, for those who train surrogates;
 - ``spectra.parquet``, a row for each motion: its spectral accelerations and Arias intensity.
 
-Storeys are bilinear. Twice the strength and twice the PGA make all displacements twice as large,
-so that runs at one strength tell the gaps of every other. Floors of unlevel pairs meet the columns
-of the neighbour.
+Springs of storeys are bilinear. Twice the strength and twice the PGA make all displacements twice
+as large, so that runs at one strength tell the gaps of every other. Floors of unlevel pairs meet
+the columns of the neighbour.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ GAPS = 0.01, 0.02, 0.05, 0.1, 0.2  # m
 STOREY, MASS, DAMPING, HARDENING = 3.0, 300e3, 0.05, 0.03  # m, kg, first mode, after yield
 COEFFICIENT = 0.1  # base shear at yield over weight, of the runs
 LEVELS = np.r_[0.01, np.geomspace(0.04, 2.0, 9)]  # PGA of the runs, g; at the lowest none yields
-COLUMN = jp.model.Column(rigidity=300e6)  # N m²
+COLUMN = jp.model.Column(rigidity=300e6)  # N m²; any will do, as frames do not touch
 MOTION = jp.scenarios.SiteBasedNoise(
     magnitude=6.8, distance=20.0, vs30=400.0, fault="strike-slip", samples=1250, dt=0.02
 )
@@ -146,15 +146,18 @@ def runs(records: np.ndarray) -> Iterator[pd.DataFrame]:
             values, slopes = log_needed_gaps(heights, floors)(
                 np.tile(numbers, (len(samples), 1)), samples
             )
-            of_pair = {"storeys_left": heights[0], "storeys_right": heights[1], "floors": floors}
-            of_pair |= dict(zip(NUMBERS, numbers, strict=True))
-            motion = {
+            if slopes[: len(records), NUMBERS.index("base_shear_coefficient")].any():
+                words = f"storeys yield at the lowest of LEVELS, {LEVELS[0]} g; make it smaller"
+                raise ValueError(words)
+            frames = {"storeys_left": heights[0], "storeys_right": heights[1], "floors": floors}
+            frames |= dict(zip(NUMBERS, numbers, strict=True))
+            results = {
                 "pga": np.repeat(LEVELS, len(records)),
                 "motion": np.tile(np.arange(len(records)), len(LEVELS)),
                 "log_gap": values,
             }
-            slopes = {f"d_{name}": slopes[:, k] for k, name in enumerate(NUMBERS)}
-            yield pd.DataFrame({**of_pair, **motion, **slopes})
+            results |= {f"d_{name}": slopes[:, k] for k, name in enumerate(NUMBERS)}
+            yield pd.DataFrame({**frames, **results})
 
 
 def capacities(log_gaps: np.ndarray, gap: float) -> np.ndarray:
@@ -173,16 +176,16 @@ def capacities(log_gaps: np.ndarray, gap: float) -> np.ndarray:
 
 def fragilities(table: pd.DataFrame) -> Iterator[dict[str, object]]:
     """The curves of a pair by its runs, where at least half of the motions close the gap."""
-    of_pair = table.iloc[0]
+    frames = table.iloc[0]
     log_gaps = table.log_gap.to_numpy().reshape(len(LEVELS), -1)
-    ratio = of_pair.period_right / (PERIOD_OF_STOREY * of_pair.storeys_right)
+    ratio = frames.period_right / (PERIOD_OF_STOREY * frames.storeys_right)
     for (strength, coefficient), gap in itertools.product(STRENGTHS.items(), GAPS):
         times = coefficient / COEFFICIENT  # as strong as in the runs
         reached = times * capacities(log_gaps, gap / times)
         if np.isfinite(reached).mean() < 0.5:
             continue
         curve = jp.hazard.fit_capacities(reached, analysed=times * LEVELS[-1])
-        heights = f"{of_pair.storeys_left}_{of_pair.storeys_right}_{of_pair.floors}"
+        heights = f"{frames.storeys_left}_{frames.storeys_right}_{frames.floors}"
         name = f"pounding_{heights}_T{100 * ratio:.0f}_{strength}_{1000 * gap:.0f}mm"
         yield {"ID": name, "median": curve.median, "dispersion": curve.dispersion}
 

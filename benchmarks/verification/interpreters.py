@@ -11,10 +11,10 @@ import sys
 
 @functools.cache
 def interpreter(module: str, variable: str) -> str | None:
-    """The first interpreter that imports a module.
+    """The interpreter that a variable of the environment names, or None if it lacks the module.
 
-    A variable of the environment names it. Without the variable these are tried in turn: the
-    present interpreter, that of the path and that of the system.
+    Without the variable it is the first that imports the module: the present one, that of the path
+    or that of the system.
     """
     named = os.environ.get(variable)
     usual = [sys.executable, shutil.which("python3"), "/usr/bin/python3"]

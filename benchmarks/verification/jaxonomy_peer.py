@@ -41,7 +41,8 @@ def missing() -> str:
     """Why there can be no comparison, or nothing."""
     if interpreter("jaxonomy", PYTHON):
         return ""
-    return f"no Python with jaxonomy: name one by {PYTHON}"
+    remedy = "pip install jaxonomy in an environment of its own, and name one by"
+    return f"no Python with jaxonomy: {remedy} {PYTHON}"
 
 
 def by_jaxonomy() -> tuple[list[tuple[float, ...]], str]:
@@ -104,6 +105,7 @@ def case() -> Case:
         closings, seconds, crowd = zip(*rows, strict=True)
         off = tuple(abs(x - exact) for x in closings)
         quantity = f"smallest gap, {names[0].partition(',')[0]}"
+        quantity += " (h: its tolerance)" if release else ""
         errors.append(Errors(quantity, steps, off, bound, order, seconds))
         for name, times in zip(names, (seconds, crowd), strict=True):
             curves.append(Curve(panel, name, off, times, release))

@@ -6,7 +6,7 @@ jaxonomy asks for an older JAX than jaxpound does; this script needs it only. PR
 wavelets (``periods``, ``arrivals``, ``amplitude``), the ``rods`` with τ_f and τ_x, ``mass_ratio``,
 ``stiffness_ratio``, ``friction`` and ``frictions`` of a batch, the ``end``, ``tolerances`` and how
 many ``rounds`` to time. It prints, as JSON, a list for each tolerance: x1 − x2, and the shortest
-wall times of one run and of a run of the batch; and the ``version`` of jaxonomy.
+wall times of one run and of a run of the batch; and the ``version`` of jaxonomy and of JAX.
 """
 
 import json
@@ -122,4 +122,5 @@ def rows(problem):
 
 if __name__ == "__main__":
     stated = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    print(json.dumps({"rows": list(rows(stated)), "version": version("jaxonomy")}))
+    versions = f"{version('jaxonomy')} with JAX {jax.__version__}"
+    print(json.dumps({"rows": list(rows(stated)), "version": versions}))

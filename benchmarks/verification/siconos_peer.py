@@ -112,12 +112,12 @@ def peer(
     structures: jp.AdjacentStructures, steps: Sequence[float], rounds: int = ROUNDS
 ) -> tuple[list[NDArray], tuple[float, ...], str]:
     """Motions by Siconos (x1, x2, v1, v2 by instant), wall times of the loop, and its version."""
-    ground, given = jp.paper.ground(), pair(structures)._asdict()
+    ground, inputs = jp.paper.ground(), pair(structures)._asdict()
     contact = structures.contact
     for i, h in enumerate(steps):
         velocity = np.asarray(ground.velocity(h * np.arange(round(END / h) + 1)))
-        given[f"acceleration_{i}"] = np.diff(velocity) / h
-    given |= {
+        inputs[f"acceleration_{i}"] = np.diff(velocity) / h
+    inputs |= {
         "steps": np.array(steps),
         "rounds": rounds,
         "gap": float(structures.initial_gap),
@@ -126,11 +126,11 @@ def peer(
     script = Path(__file__).parent / "siconos_run.py"
     one_core = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     with tempfile.TemporaryDirectory() as folder:
-        problem, found = Path(folder) / "problem.npz", Path(folder) / "found.npz"
-        np.savez(problem, **given)
-        call = [interpreter(MODULE, PYTHON), script, problem, found]
+        problem, motions_file = Path(folder) / "problem.npz", Path(folder) / "found.npz"
+        np.savez(problem, **inputs)
+        call = [interpreter(MODULE, PYTHON), script, problem, motions_file]
         subprocess.run(call, check=True, capture_output=True, env={**os.environ, **one_core})
-        with np.load(found) as motions:
+        with np.load(motions_file) as motions:
             runs = [motions[f"motion_{i}"] for i in range(len(steps))]
             return runs, tuple(motions["seconds"].tolist()), str(motions["version"])
 

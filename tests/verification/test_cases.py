@@ -66,6 +66,21 @@ def test_a_case_without_its_interpreter_says_so(monkeypatch, tmp_path):
         assert case.skipped.endswith(f"name one by {peer.PYTHON}")
 
 
+def test_jaxonomy_s_case_has_two_curves_of_each_program(monkeypatch):
+    steps = 0.04, 0.02
+    changes = {"STEPS": steps, "TOLERANCES": steps, "BEST_OF": 1, "LANES": 4, "missing": str}
+    for name, value in changes.items():
+        monkeypatch.setattr(jaxonomy_peer, name, value)
+    rows = jaxonomy_peer.by_jaxpound()
+    monkeypatch.setattr(jaxonomy_peer, "by_jaxpound", lambda: rows)
+    monkeypatch.setattr(jaxonomy_peer, "by_jaxonomy", lambda: (rows, "1.0 with JAX 0.9"))
+    case = jaxonomy_peer.case()
+    assert case.faults() == []
+    assert [curve.version for curve in case.curves] == ["", "", *["1.0 with JAX 0.9"] * 2]
+    assert {curve.errors for curve in case.curves} == {case.errors[0].errors}
+    assert max(case.errors[0].errors) < 3e-6
+
+
 def test_what_does_not_hold_is_named():
     errors = Errors("x", (0.2, 0.1), (0.04, 0.01), constant=1.1)
     number = Number("peak", 2.674, 2.67, within=0.005)
