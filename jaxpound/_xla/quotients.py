@@ -36,10 +36,11 @@ def once(tree: T, unit: jax.Array) -> T:
 
 
 def for_each_run(tree: T, zero: jax.Array) -> T:
-    """The same numbers, of each run of a batch apart.
+    """The same numbers, of each run of a batch apart, which XLA does not know either.
 
-    XLA would turn quotients by numbers that runs share into products, and derivatives by them would
-    be summed over the batch at every step, not once at the end.
+    It would fold all that follows from constants of the program, and turn quotients by numbers that
+    runs share into products; derivatives by these would be summed over the batch at every step, not
+    once at the end.
     """
     return jax.tree.map(partial(jnp.add, lax.stop_gradient(zero)), tree)
 

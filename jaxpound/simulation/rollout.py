@@ -99,10 +99,8 @@ class Rollout(NamedTuple):
         cast = partial(jax.tree.map, lambda x: jnp.asarray(x, dtype))
         structures, ground, extra, initial = cast((structures, ground, extra, initial))
         loads = cast(loads or {})
-        # Else XLA would fold all that follows from structures that are constants of the program.
-        structures = jax.tree.map(unknown, structures)
         memories = [zener_of(rod.material) for rod in structures.system().rods]
-        orders = [jnp.asarray(rod.order, dtype) for rod in memories if rod is not None]
+        orders = [unknown(jnp.asarray(rod.order, dtype)) for rod in memories if rod is not None]
         n_supports = structures.system().topology.n_supports
         excitations = _excitations(ground, n_supports, loads, grid, scheme)
         series = [x.series for x in excitations]
