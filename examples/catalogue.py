@@ -97,14 +97,13 @@ def log_needed_gaps(
     With it come its derivatives by the numbers, (n, 4). Frames that do not touch move by
     themselves: runs are without links.
     """
-    usual = [PERIOD_OF_STOREY * n for n in heights]
-    weights = closing_weights(pair(heights, floors, [*usual, DAMPING, COEFFICIENT]))
 
     def log_gap(numbers: jax.Array, samples: jax.Array) -> tuple[jax.Array, jax.Array]:
-        frames = pair(heights, floors, numbers).buildings
-        response = jp.simulate(jp.Buildings(frames, ()), jp.Record(samples, MOTION.dt), GRID)
+        linked = pair(heights, floors, numbers)
+        frames = jp.Buildings(linked.buildings, ())
+        response = jp.simulate(frames, jp.Record(samples, MOTION.dt), GRID)
         x = jnp.stack([mass.x for mass in response.masses])
-        value = jnp.log(jax.vmap(peak)(weights @ x).max())
+        value = jnp.log(jax.vmap(peak)(closing_weights(linked) @ x).max())
         return value, value
 
     def run(numbers: jax.Array, samples: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -139,25 +138,23 @@ def spectra(records: jax.Array) -> pd.DataFrame:
 def runs(records: np.ndarray) -> Iterator[pd.DataFrame]:
     """Of every pair, a table of its runs: each level of PGA with every motion of 1 g."""
     samples = (LEVELS[:, None, None] * records).reshape(-1, records.shape[1])
-    for heights, floors in itertools.product(HEIGHTS, FLOORS):
-        for ratio in PERIOD_RATIOS:
-            periods = PERIOD_OF_STOREY * np.array(heights) * [1.0, ratio]
-            numbers = np.array([*periods, DAMPING, COEFFICIENT])
-            values, slopes = log_needed_gaps(heights, floors)(
-                np.tile(numbers, (len(samples), 1)), samples
-            )
-            if slopes[: len(records), NUMBERS.index("base_shear_coefficient")].any():
-                words = f"storeys yield at the lowest of LEVELS, {LEVELS[0]} g; make it smaller"
-                raise ValueError(words)
-            frames = {"storeys_left": heights[0], "storeys_right": heights[1], "floors": floors}
-            frames |= dict(zip(NUMBERS, numbers, strict=True))
-            results = {
-                "pga": np.repeat(LEVELS, len(records)),
-                "motion": np.tile(np.arange(len(records)), len(LEVELS)),
-                "log_gap": values,
-            }
-            results |= {f"d_{name}": slopes[:, k] for k, name in enumerate(NUMBERS)}
-            yield pd.DataFrame({**frames, **results})
+    for heights, floors, ratio in itertools.product(HEIGHTS, FLOORS, PERIOD_RATIOS):
+        periods = PERIOD_OF_STOREY * np.array(heights) * [1.0, ratio]
+        numbers = np.array([*periods, DAMPING, COEFFICIENT])
+        needed = log_needed_gaps(heights, floors)
+        values, slopes = needed(np.tile(numbers, (len(samples), 1)), samples)
+        if slopes[: len(records), NUMBERS.index("base_shear_coefficient")].any():
+            words = f"storeys yield at the lowest of LEVELS, {LEVELS[0]} g; make it smaller"
+            raise ValueError(words)
+        frames = {"storeys_left": heights[0], "storeys_right": heights[1], "floors": floors}
+        frames |= dict(zip(NUMBERS, numbers, strict=True))
+        results = {
+            "pga": np.repeat(LEVELS, len(records)),
+            "motion": np.tile(np.arange(len(records)), len(LEVELS)),
+            "log_gap": values,
+        }
+        results |= {f"d_{name}": slopes[:, k] for k, name in enumerate(NUMBERS)}
+        yield pd.DataFrame({**frames, **results})
 
 
 def capacities(log_gaps: np.ndarray, gap: float) -> np.ndarray:

@@ -54,13 +54,12 @@ def ratios(curves: Sequence[Curve]) -> list[Ratio]:
         for program, other in known.items():
             if ours is None or program == OURS or program.endswith(_BATCH):
                 continue
-            crowd = known.get(program.partition(", ")[0] + _BATCH, other)
+            crowd = known.get(program.partition(", ")[0] + _BATCH)
             for i, error in enumerate(ours.errors):
                 if (seconds := time_at(other, error)) is None:
                     continue
-                of_batch = None
-                if batch and (crowd_seconds := time_at(crowd, error)):
-                    of_batch = crowd_seconds / batch.seconds[i]
+                in_batch = time_at(crowd, error) if crowd else seconds
+                of_batch = in_batch / batch.seconds[i] if batch and in_batch else None
                 of_run = seconds / ours.seconds[i]
                 rows.append(Ratio(panel, program, error, seconds, of_run, of_batch, other.version))
     return rows
